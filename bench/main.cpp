@@ -3,7 +3,7 @@
 #include <exception>
 
 #include "bench/suites.hpp"
-#include "engine/thread_pool.hpp"
+#include "engine/jobs/thread_pool.hpp"
 
 namespace {
 

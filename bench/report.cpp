@@ -7,9 +7,9 @@
 #include <nlohmann/json.hpp>
 
 #include "bench/suites.hpp"
-#include "engine/error.hpp"
-#include "engine/whole_file.hpp"
-#include "systems/app/svg_plot.hpp"
+#include "engine/base/error.hpp"
+#include "engine/files/whole_file.hpp"
+#include "systems/app/report/svg_plot.hpp"
 namespace trocar {
 namespace {
 
@@ -50,7 +50,7 @@ struct Labels {
     std::string x = "time of one pass, ms", y = "error, mm", x_unit = "ms", y_unit = "mm";
 };
 
-// Both axes logarithmic, a decade a line. What is below `floor` stands on the lowest line.
+// Both axes logarithmic, one grid line per decade. Values below `floor` are drawn on the lowest line.
 class LogPlot {
  public:
     LogPlot(const std::vector<Dot>& dots, double floor, Labels labels = {}) : floor_(floor), labels_(std::move(labels)) {
@@ -64,7 +64,7 @@ class LogPlot {
     double y(double v) const {
         return kHeight - kBottom - (std::log10(std::max(v, floor_)) - low_) / (high_ - low_) * (kHeight - kBottom - kTop);
     }
-    // `lines`: through the dots of a series in their order; else a cross at its median.
+    // `lines`: connects the dots of a series in order; otherwise draws a cross at its median.
     std::string draw(const std::string& title, const std::vector<Dot>& dots, const std::vector<std::string>& series,
                      bool lines = false) const {
         std::string out = head(title);
@@ -162,7 +162,7 @@ std::string plots(const std::vector<json>& rows) {
     return out;
 }
 
-// Charts of lines, and under each what stands beside its rows.
+// Line charts, each with a list of its `beside` figures.
 std::string line_charts(const std::vector<json>& rows) {
     std::vector<std::string> order;
     std::map<std::string, std::vector<json>> of_plot;
@@ -215,7 +215,7 @@ std::string judged(const json& row) {
            figure(value(row, "at_least")) + ", aim " + figure(value(row, "aim")) + "</td>";
 }
 
-// The rows with a goal, or those without one.
+// The figures with a goal, or those without one.
 std::string table(const std::vector<json>& rows, bool with_goal) {
     std::string out =
         "<table><tr><th>what</th><th>ours</th><th>peer</th><th>times</th><th>error</th><th>peer's "
@@ -235,7 +235,7 @@ std::string table(const std::vector<json>& rows, bool with_goal) {
 }  // namespace
 }  // namespace trocar
 
-// report DIR: DIR/report.html from the rows of every DIR/*.json, one file that opens offline.
+// report DIR: DIR/report.html from the figures of every DIR/*.json, one file that opens offline.
 int report_suite(int argc, char** argv) {
     using namespace trocar;
     if (argc != 2) {

@@ -1,6 +1,6 @@
 #pragma once
 
-// Each suite prints its figures; argv[0] is the suite's name. The exit code of the program is what it returns.
+// Each suite prints its figures; argv[0] is its name. Returns the exit code of the program.
 int content_suite(int argc, char** argv);
 int contact_suite(int argc, char** argv);
 int deform_suite(int argc, char** argv);

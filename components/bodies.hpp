@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "components/entity.hpp"
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -18,67 +19,71 @@ enum class Motion : uint8_t {
 };
 
 enum class AnchorFrame : uint8_t {
-    kWorld,  // goals are rest positions under the body's rest pose: tissue held by what surrounds it
+    kWorld,  // goals are rest positions under the body's rest pose: tissue held by its surroundings
     kShape,  // goals are the best-fit rigid copy of the rest shape: a free body that keeps its shape
 };
 
 enum class Integrator : uint8_t {
     kLeapfrog,  // explicit, second order; stable up to Bodies::stable_dt
-    kMidpoint,  // linearised implicit midpoint, conjugate gradients: for stiff held bodies
-    kXpbd,      // Macklin, Mueller, Chentanez 2016: the known baseline, and for what must not stretch
+    kMidpoint,  // linearised implicit midpoint, conjugate gradients: for stiff anchored bodies
 };
 
-// How a deformable body is moved in time.
+// Time integration of a deformable body.
 struct Stepping {
     Integrator integrator = Integrator::kLeapfrog;
-    uint32_t iterations = 10;  // midpoint: most of the conjugate gradients; xpbd: sweeps over the springs
-    double tolerance = 1e-3;   // midpoint: residual of the velocities over that of the start, at which it stops
-    double step = std::numeric_limits<double>::infinity();  // s, largest; for leapfrog besides stable_dt and the settings
+    uint32_t iterations = 10;  // midpoint: most of the conjugate gradients
+    double tolerance = 1e-3;   // midpoint: residual of the velocities relative to the initial one at which iteration stops
+    double step = std::numeric_limits<double>::infinity();  // s, upper limit; leapfrog also obeys stable_dt and the settings
+    TROCAR_FIELDS(integrator, iterations, tolerance, step, "s");
 };
 
 // Material of a deformable body. SI units.
 struct Tissue {
     double youngs_modulus = 10e3;  // Pa
     double density = 1050;         // kg/m^3
-    double wall = 2e-3;            // m, thickness of the elastic wall that the surface springs stand for
-    double depth = 40e-3;          // m, depth of the elastic bed behind the wall that the anchors stand for
+    double wall = 2e-3;            // m, thickness of the elastic membrane modelled by the surface springs
+    double depth = 40e-3;          // m, depth of the elastic foundation behind the membrane, modelled by the anchors
     double poisson = 0.45;         // Poisson ratio, 0.25 (springs alone) up to 0.5; solids only
     double damping = 2;            // 1/s, decay rate of the velocity relative to the anchor frame
     double friction = 0.1;         // Coulomb coefficient
-    double pressure_modulus = 0;   // Pa, K of an enclosed volume's energy 1/2 K (V - V0)^2 / V0; 0 = may change freely
-    double bending = 0;            // Pa, Young's modulus of the wall in bending; 0 = bends freely
-    double restitution = 0;        // share of the approach speed that comes back, 0..1; between rigid bodies
+    double pressure_modulus = 0;   // Pa, K of an enclosed volume's energy 1/2 K (V - V0)^2 / V0; 0 = volume is free
+    double bending = 0;            // Pa, Young's modulus of the membrane in bending; 0 = no bending stiffness
+    double restitution = 0;        // coefficient of restitution, 0..1; between rigid bodies
+    TROCAR_FIELDS(youngs_modulus, "Pa", density, "kg/m^3", wall, "m", depth, "m", poisson, damping, "1/s", friction, pressure_modulus, "Pa",
+                  bending, "Pa", restitution);
 };
 
-// What a free body weighs and where: its inertia tensor about the centre of mass is diagonal in the principal frame.
+// Mass of a free body. Its inertia tensor about the centre of mass is diagonal in the principal frame.
 struct RigidMass {
     uint64_t body = kNone;
     double mass = 0;                     // kg
     Vec3d centre = Vec3d::Zero();        // m, centre of mass, body frame
     Vec3d moments = Vec3d::Constant(1);  // kg m^2, principal moments of inertia
     Quat axes;                           // principal frame to body frame
+    TROCAR_FIELDS(body, "row of bodies", mass, "kg", centre, "m", moments, "kg m^2", axes);
 };
 
-// Who a body is and what it is made of. Constant while a scene runs (spawn and removal aside, and the stepping of bodies with a level
-// of detail). One row per body.
+// Identity and material of every body. Constant while a scene runs (spawning and removal aside). One element each.
 struct Bodies {
     std::vector<Entity> entity;
     std::vector<std::string> name;  // see is_body_name
     std::vector<uint32_t> mesh;     // prototype
     std::vector<Motion> motion;
-    std::vector<Range> particles;  // deformable: rows of Particles; else empty
-    std::vector<uint32_t> tree;    // row of World::trees
+    std::vector<Range> particles;  // deformable: range of Particles; else empty
+    std::vector<uint32_t> tree;    // index into World::trees
     std::vector<AnchorFrame> anchor_frame;
     std::vector<Tissue> tissue;
     std::vector<float> spring_stiffness;  // N/m, one k per body
-    std::vector<double> inv_mass;         // 1/kg, rigid: of the translation; 0 = cannot be pushed
-    std::vector<double> stable_dt;        // s, computed limit of the explicit step; infinity for rigid bodies
+    std::vector<double> inv_mass;         // 1/kg, rigid: of the translation; 0 = immovable by contact
+    std::vector<double> stable_dt;        // s, stability limit of the explicit step; infinity for rigid bodies
     std::vector<Stepping> stepping;       // empty = leapfrog for all
     std::vector<double> thickness;        // m, sheets only
-    std::vector<RigidMass> rigid_mass;    // one row per free body, ascending by body
+    std::vector<RigidMass> rigid_mass;    // one element per free body, ascending by body
+    TROCAR_FIELDS(entity, name, mesh, "row of meshes", motion, particles, "rows of particles", tree, anchor_frame, tissue, spring_stiffness,
+                  "N/m", inv_mass, "1/kg", stable_dt, "s", thickness, "m", rigid_mass, stepping);
 };
 
-// Names become parts of file names and of messages: at most 80 bytes, none of them a /, a \, a " or a control character.
+// Names become parts of file names and messages: at most 80 bytes, without /, \, " and control characters.
 inline bool is_body_name(std::string_view name) {
     const auto is_bad = [](char c) { return (c >= 0 && c < ' ') || c == 127 || c == '/' || c == '\\' || c == '"'; };
     return name.size() <= 80 && std::none_of(name.begin(), name.end(), is_bad);
@@ -88,20 +93,23 @@ inline Stepping stepping_of(const Bodies& bodies, uint32_t body) {
     return body < bodies.stepping.size() ? bodies.stepping[body] : Stepping{};
 }
 
-// Where bodies are. Rigid: position and orientation of the body frame. Deformable: origin is the origin of the
-// particle offsets and orientation that of the anchors: constant for kWorld, the best-fit rigid copy for kShape. One row
-// per body.
+// Poses of the bodies, one element each. Rigid: position and orientation of the body frame. Deformable:
+// origin of the offsets and orientation of the anchors: constant for kWorld, the best-fit rigid copy for
+// kShape.
 struct Poses {
     std::vector<Vec3d> origin;  // m
     std::vector<Quat> orientation;
-    std::vector<Vec3d> velocity;          // m/s, rigid: of the origin; free: half a step behind the place (leapfrog)
+    std::vector<Vec3d> velocity;          // m/s, rigid: of the origin; free: half a step behind the position (leapfrog)
     std::vector<Vec3d> angular_velocity;  // rad/s, rigid, world axes
+    TROCAR_FIELDS(origin, "m", orientation, velocity, "m/s", angular_velocity, "rad/s");
 };
 
-// Box of every body this pass, enlarged by its margin.
+// Box of every body in this contact pass, enlarged by its speculative margin.
 struct BodyBoxes {
     std::vector<Box> box;
     std::vector<double> margin;  // m, fastest vertex * period + 0.05 mean edge
+    std::vector<double> speed;   // m/s, of rigid bodies: how fast the origin may get in the pass; 0 for deformable ones
+    TROCAR_FIELDS(box, "m", margin, "m", speed, "m/s");
 };
 
 }  // namespace trocar

@@ -1,5 +1,7 @@
 #pragma once
 #include <cstdint>
+
+#include "components/fields.hpp"
 namespace trocar {
 
 // Simulated time in whole milliseconds. Contact pass k starts at tick floor(k * 1000 / contact_rate), picture k is
@@ -11,9 +13,10 @@ struct Clock {
     uint32_t contact_rate = 60;  // Hz
     uint32_t display_rate = 30;  // Hz
     uint32_t period = 16;        // ms, of the present pass
+    TROCAR_FIELDS(tick, "ms", pass, picture, contact_rate, "Hz", display_rate, "Hz", period, "ms");
 };
 
-// Contact passes a second that there may be: whole numbers of passes a picture.
+// Highest contact rate; a picture takes a whole number of contact passes.
 inline constexpr uint32_t kHighestContactRate = 240;  // Hz
 inline bool is_contact_rate(uint32_t rate) { return rate > 0 && rate % 30 == 0 && rate <= kHighestContactRate; }
 

@@ -2,7 +2,7 @@
 #include <cstdint>
 namespace trocar {
 
-// Name of a body that stays valid, or is seen to be stale, when bodies come and go.
+// Name of a body that stays valid, or is recognised as stale, when bodies are spawned and removed.
 struct Entity {
     uint32_t index = UINT32_MAX;
     uint32_t generation = 0;

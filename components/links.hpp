@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "components/entity.hpp"
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -13,18 +14,19 @@ struct Region {
     RegionKind kind = RegionKind::kAll;
     Vec3d a = Vec3d::Zero(), b = Vec3d::Zero();  // m: centre | lowest and highest corner | ends of the axis
     double radius = 0;                           // m, sphere and capsule
+    TROCAR_FIELDS(kind, a, "m", b, "m", radius, "m");
 };
 
-// Where the region of a link lies: in the frame of the body that holds, moving with it; in that of the body that is held,
-// at rest; in the world.
+// Frame of a link's region: that of the holder, moving with it; that of the held body at rest; or the world.
 enum class RegionFrame : uint8_t { kHolder, kRest, kWorld };
 
 enum class LinkPhase : uint8_t { kWaiting, kHolding, kDone };
 
-// Nodes of a deformable body that another body holds, from one moment to another. A node is pulled to a point of a rigid
-// holder, or to a node of a deformable one. Freed groups have no body; their generation tells old names from new ones.
+// Nodes of a deformable body that a holder attaches for a span of time. Each is joined by a spring to a point
+// of a rigid holder or to a node of a deformable one. A free slot has no body; its generation marks stale
+// names.
 struct LinkGroup {
-    Entity entity;  // index = the group's own row
+    Entity entity;  // index = index of the group itself
     std::string name;
     uint32_t body = kNone;  // deformable: held
     uint32_t holder = kNone;
@@ -32,32 +34,39 @@ struct LinkGroup {
     Region region;  // which nodes
     RegionFrame frame = RegionFrame::kHolder;
     uint32_t material = kNone;                                // and of which material of the mesh
-    double within = std::numeric_limits<double>::infinity();  // m, and how near to the holder's surface (rigid) or nodes
-    uint32_t most = kNone;                                    // of them: those nearest to region.a
+    double within = std::numeric_limits<double>::infinity();  // m, largest distance from the holder's surface (rigid) or nodes
+    uint32_t most = kNone;                                    // at most this many: the nearest to region.a
     double stiffness = 0;                                     // N/m, of each link
-    double rest = -1;                                         // m, of links between nodes; negative = as far apart as they are when made
+    double rest = -1;                                         // m, rest length of links between nodes; negative =
+                                                              // their distance at creation
     double break_strain = std::numeric_limits<double>::infinity();
-    double gauge = 0;                                      // m, the length that strain refers to where a link has no rest length
+    double gauge = 0;                                      // m, reference length of strain where a link has no rest length
     double begin = 0;                                      // s
     double end = std::numeric_limits<double>::infinity();  // s
-    uint32_t tool = kNone;                                 // row of tools: holds while its first button is down, instead of begin and end
-    Range rows;                                            // of Links
-    uint64_t made = 0, broken = 0;                         // links so far
+    uint32_t tool = kNone;                                 // index into tools: active while its first button is
+                                                           // pressed, instead of begin and end
+    Range links;                                           // of Links
+    uint64_t made = 0, broken = 0;                         // number of links so far
     Vec3d impulse = Vec3d::Zero();                         // N s, of the holder on the body, last pass
     double largest_force = 0;                              // N, mean over a pass, so far
     double largest_strain = 0;                             // so far
+    TROCAR_FIELDS(entity, name, body, "row of bodies or none", holder, "row of bodies or none", phase, region, frame, material, within, "m",
+                  most, stiffness, "N/m", rest, "m", break_strain, gauge, "m", begin, "s", end, "s", tool, "row of tools or none", links,
+                  "rows of links", made, broken, impulse, "N s", largest_force, "N", largest_strain);
 };
 
-// Springs between bodies, group after group. State: what is linked changes while a scene runs. Room is kept from load on.
+// Springs between bodies, in the order of their groups. State: links change while a scene runs. Capacity is
+// reserved at load.
 struct Links {
     std::vector<LinkGroup> group;
     std::vector<uint32_t> node;      // of group's body
-    std::vector<uint32_t> far_node;  // of its holder; kNone where that is rigid
+    std::vector<uint32_t> far_node;  // of its holder; kNone if the holder is rigid
     std::vector<Vec3d> point;        // m, frame of a rigid holder
     std::vector<float> rest;         // m; 0 towards a point
-    std::vector<double> stretch;     // m, at the time of the velocities: what Energy::links is measured from
-    std::vector<uint8_t> whole;      // 0 = has broken, is taken away before the next pass
+    std::vector<double> stretch;     // m, at the time of the velocities: Energy::links refers to it
+    std::vector<uint8_t> whole;      // 0 = broken, removed before the next pass
     std::vector<double> stable_dt;   // s, one per body: limit of the explicit step with its links; empty without links
+    TROCAR_FIELDS(group, node, far_node, point, "m", rest, "m", stretch, "m", whole, stable_dt, "s");
 };
 
 }  // namespace trocar

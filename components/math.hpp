@@ -8,22 +8,22 @@ namespace trocar {
 using Vec3 = Eigen::Vector3f;
 using Vec3d = Eigen::Vector3d;
 
-// "No row": absent triangle, neighbour, texture, body.
+// "No index": absent triangle, neighbour, texture, body.
 inline constexpr uint32_t kNone = UINT32_MAX;
 
-// One contiguous slice of a flat array, [first, first + count).
+// A contiguous slice of a flat array, [first, first + count).
 struct Range {
     uint32_t first = 0;
     uint32_t count = 0;
     uint32_t end() const { return first + count; }
 };
 
-// Sixteen bytes that one vector load brings in. Positions keep the inverse mass in w.
+// Sixteen bytes, loaded by one vector instruction. Positions keep the inverse mass in w.
 struct alignas(16) Float4 {
     float x = 0, y = 0, z = 0, w = 0;
 };
 
-// Unit quaternion w + xi + yj + zk. Ours, because Eigen's changes its alignment with the instruction set.
+// Unit quaternion w + xi + yj + zk. Not Eigen's, whose alignment depends on the instruction set.
 struct Quat {
     double w = 1, x = 0, y = 0, z = 0;
 };
@@ -34,7 +34,7 @@ struct Box {
     Vec3d max = Vec3d::Constant(-std::numeric_limits<double>::infinity());
 };
 
-// A point that is not finite changes nothing.
+// A non-finite point is ignored.
 inline void grow(Box& box, const Vec3d& p) {
     if (!p.allFinite()) return;
     box.min = box.min.cwiseMin(p);

@@ -1,6 +1,7 @@
 #pragma once
 #include <vector>
 
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
@@ -10,13 +11,15 @@ struct Particles {
     std::vector<float> velocity_x;  // m/s, half a step behind the offset (leapfrog)
     std::vector<float> velocity_y;
     std::vector<float> velocity_z;
-    std::vector<double> last_dt;  // s, one per body row: substep that the velocities are half of behind; 0 = not started
+    std::vector<double> last_dt;  // s, one per body: substep by half of which the velocities lag behind; 0 = not started
+    TROCAR_FIELDS(offset, "m", velocity_x, "m/s", velocity_y, "m/s", velocity_z, "m/s", last_dt, "s");
 };
 
-// Deformable bodies that lie still: one row per body, or empty where a scene lets nobody sleep.
+// Sleeping bodies: one element per body, or empty where a scene disables sleep.
 struct Sleep {
-    std::vector<uint32_t> still;  // ms that the body has been slower than sleep_speed; 0 for rigid bodies
-    std::vector<uint32_t> group;  // kNone = awake; else the root of the sleeping bodies whose boxes meet its own
+    std::vector<uint32_t> still;  // ms for which the body has been slower than sleep_speed; 0 for rigid bodies
+    std::vector<uint32_t> group;  // kNone = awake; else the root of the group of sleeping bodies with overlapping boxes
+    TROCAR_FIELDS(still, "ms", group, "row of bodies or none");
 };
 
 // Anchors of deformable bodies: a spring of rest length zero from a particle to its goal. Constant after load.
@@ -25,6 +28,7 @@ struct Anchors {
     std::vector<float> rest_x;     // m, goal of the particle: kWorld from the body's origin, world axes;
     std::vector<float> rest_y;     //    kShape in the prototype's frame
     std::vector<float> rest_z;
+    TROCAR_FIELDS(stiffness, "N/m", rest_x, "m", rest_y, "m", rest_z, "m");
 };
 
 }  // namespace trocar

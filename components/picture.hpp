@@ -1,14 +1,17 @@
 #pragma once
+#include <array>
 #include <vector>
 
+#include "components/fields.hpp"
 #include "components/math.hpp"
 #include "components/mesh.hpp"
 namespace trocar {
 
-// Unit vertex normals of deformable bodies, body axes = world axes. Rows as Particles; zero where a vertex has no
-// triangle with an area. Derived at the display rate.
+// Unit vertex normals of deformable bodies, body axes = world axes. Indexed like Particles; zero at a vertex
+// without a triangle of positive area. Derived at the display rate.
 struct SurfaceNormals {
     std::vector<Vec3> normal;
+    TROCAR_FIELDS(normal);
 };
 
 enum class PictureMotion : uint8_t {
@@ -18,17 +21,18 @@ enum class PictureMotion : uint8_t {
     kSoft,    // deformable
 };
 
-// One body as it is drawn. A world point is origin + orientation * point of the body's frame.
+// One body as drawn. World point = origin + orientation * point of the body's frame.
 struct PictureBody {
-    uint32_t mesh = kNone;         // prototype; kNone = nothing is drawn
+    uint32_t mesh = kNone;         // prototype; kNone = not drawn
     Vec3d origin = Vec3d::Zero();  // m, world
     Quat orientation;              // identity for a deformable body: its offsets have world axes
     PictureMotion motion = PictureMotion::kStill;
     Box box;         // m, body frame
-    Range vertices;  // rows of position and normal; empty for a rigid body, drawn in its rest shape
-    Range depths;    // rows of contact_depth, one per vertex; empty when nothing touches the body
-    Range removed;   // rows of removed
-    Range exposed;   // rows of exposed
+    Range vertices;  // range of position and normal; empty for a rigid body, drawn in its rest shape
+    Range depths;    // range of contact_depth, one per vertex; empty without contact
+    Range removed;   // range of removed
+    Range exposed;   // range of exposed
+    TROCAR_FIELDS(mesh, origin, "m", orientation, motion, box, "m", vertices, depths, removed, exposed);
 };
 
 // The deepest point of one overlapping pair.
@@ -36,31 +40,45 @@ struct PictureWitness {
     Vec3d point = Vec3d::Zero();    // m, world
     Vec3d closest = Vec3d::Zero();  // m, world, on the other surface
     double depth = 0;               // m
+    TROCAR_FIELDS(point, "m", closest, "m", depth, "m");
 };
 
 // One hand tool.
 struct PictureTool {
-    Vec3d device = Vec3d::Zero();  // m, world: where the hand holds the tip
-    Vec3d proxy = Vec3d::Zero();   // m, world: tip kept outside the surface; equals device while nothing is touched
+    Vec3d device = Vec3d::Zero();  // m, world: tip position commanded by the hand
+    Vec3d proxy = Vec3d::Zero();   // m, world: tip kept outside the surface; equals device without contact
     double radius = 0;             // m, of the tip
     Vec3d force = Vec3d::Zero();   // N, on the hand
+    TROCAR_FIELDS(device, "m", proxy, "m", radius, "m", force, "N");
 };
 
-// Everything a picture shows, copied once, so that whoever draws never reads World. Immutable once published. Float
-// positions are relative to each body's double origin: a scene far from the world origin looks the same.
+// A small sphere beside the surfaces.
+struct PicturePoint {
+    Vec3d position = Vec3d::Zero();  // m, world
+    double radius = 0;               // m
+    std::array<float, 3> colour{};   // linear
+    TROCAR_FIELDS(position, "m", radius, "m", colour);
+};
+
+// Everything that a picture shows, copied once, so that the renderer never reads World. Immutable once
+// published. Float positions are relative to each body's double-precision origin, so distance from the world
+// origin costs no accuracy.
 struct PictureSnapshot {
     uint64_t number = 0;               // of the picture
     double time = 0;                   // s
-    std::vector<PictureBody> body;     // rows as Bodies
+    std::vector<PictureBody> body;     // indexed like Bodies
     std::vector<Vec3> position;        // m, body frame
     std::vector<Vec3> normal;          // unit or zero, body frame
     std::vector<float> contact_depth;  // m, >= 0
-    std::vector<Triangle> removed;     // triangles of the prototype that a cut has taken away, by their vertices
-    std::vector<Triangle> exposed;     // and those that it has laid open
+    std::vector<Triangle> removed;     // triangles of the prototype removed by a cut, as vertices
+    std::vector<Triangle> exposed;     // and those that the cut exposed
     std::vector<PictureWitness> witness;
     std::vector<PictureTool> tool;
+    std::vector<PicturePoint> point;
     double depth = 0;  // m, deepest penetration; 0 when nothing overlaps
-    double force = 0;  // N, largest commanded to a hand
+    double force = 0;  // N, largest force commanded to a hand
+    TROCAR_FIELDS(number, time, "s", body, position, "m", normal, contact_depth, "m", removed, exposed, witness, tool, point, depth, "m",
+                  force, "N");
 };
 
 enum class CameraKind : uint8_t {
@@ -68,7 +86,7 @@ enum class CameraKind : uint8_t {
     kLaparoscope,  // at position, light beside the lens, round picture
 };
 
-// Where a picture is taken from. Angles in radians.
+// Viewpoint of a picture. Angles in radians.
 struct Camera {
     CameraKind kind = CameraKind::kOrbit;
     Vec3d target = Vec3d::Zero();            // m, what it looks at (both kinds)
@@ -79,21 +97,21 @@ struct Camera {
     Vec3d position = Vec3d(0, -0.15, 0.15);  // m, laparoscope
     double field_of_view = 0.6;              // vertical; laparoscopes have about 1.22
     Vec3d floor = Vec3d::Zero();             // m, point of the floor in the middle of the scene
-    double floor_radius = 0;                 // m, the floor fades out towards it; 0 = no floor
+    double floor_radius = 0;                 // m, radius at which the floor has faded out; 0 = no floor
 };
 
 // What a picture shows besides the surfaces.
 struct PictureParams {
     uint32_t width = 640;
     uint32_t height = 480;
-    bool smooth_edges = true;  // post-process against jagged edges
+    bool smooth_edges = true;  // post-process antialiasing
     bool wireframe = false;
     bool depth_colours = false;  // surfaces coloured by contact depth, with a legend
     double depth_scale = 0.010;  // m, depth at the top of the colour scale
     bool witnesses = true;       // arrow from the deepest point of each pair to the other surface
     bool tools = true;           // spheres at device and proxy
     bool text = true;            // time, depth, force
-    bool ground = true;          // floor with soft shadows, where an orbit camera has one
+    bool ground = true;          // floor with soft shadows, only with an orbit camera
 };
 
 }  // namespace trocar

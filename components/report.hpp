@@ -1,6 +1,10 @@
 #pragma once
+#include <algorithm>
 #include <cstdint>
 #include <limits>
+#include <type_traits>
+
+#include "components/fields.hpp"
 namespace trocar {
 
 // Energy of all deformable and free rigid bodies and the work done on them since the start. J.
@@ -12,44 +16,106 @@ struct Energy {
     double bending = 0;       // of surfaces
     double links = 0;         // of springs between bodies
     double gravity = 0;       // potential
-    double work_hand = 0;     // of hands and scripts, through contact rows
+    double work_hand = 0;     // of hands and scripts, through contact constraints
     double work_contact = 0;  // of inelastic impact and friction, <= 0
     double work_damping = 0;  // <= 0
-    double work_push = 0;     // of push-out moves
-    double work_numeric = 0;  // what implicit steps lost by themselves, what bodies fell asleep or left with
-    double work_links = 0;    // what links and springs held as they were made, less what they and removed tissue held as they went
-    double balance = 0;       // the sum above - its value at the start
+    double work_push = 0;     // of position correction
+    double work_numeric = 0;  // lost by implicit steps, and energy of bodies when they fell asleep or were removed
+    double work_links = 0;    // energy of links and springs when made, less that of links, springs and removed tissue at their removal
+    double balance = 0;       // the sum above minus its initial value
+    TROCAR_FIELDS(kinetic, "J", elastic, "J", pressure, "J", bending, "J", links, "J", gravity, "J", work_hand, "J", work_contact, "J",
+                  work_damping, "J", work_push, "J", work_numeric, "J", work_links, "J", balance, "J");
 };
 
-// Trouble is counted here: what happens in a pass neither throws nor prints.
-struct Report {
-    uint64_t contact_passes = 0;
-    uint64_t contact_events = 0;         // passes with at least one overlapping pair
-    uint64_t dropped_contacts = 0;       // beyond capacity, shallowest first
-    uint64_t oversize_triangles = 0;     // spanned more than 64 cells
-    uint64_t tie_overflows = 0;          // closest-point queries restarted in double
-    uint64_t sign_disagreements = 0;     // of pseudonormal and winding number, which had the last word
-    uint64_t disagreements = 0;          // of pseudonormal and winding number; only with contact.cross_check
-    uint64_t ended_rows = 0;             // planes left behind by a sliding vertex
-    uint64_t opposing_planes = 0;        // vertices pressed from both sides at the end of a pass
-    uint64_t nonfinite_particles = 0;    // restored
-    uint64_t runaway_bodies = 0;         // restored because their energy grew and nobody had put it in
-    uint64_t awake_bodies = 0;           // deformable bodies that were moved in the last pass
-    uint64_t asleep_bodies = 0;          // and that lay still
-    uint64_t implicit_steps = 0;         // of bodies stepped by midpoint
-    uint64_t implicit_iterations = 0;    // of conjugate gradients in all of them
-    double worst_implicit_residual = 0;  // largest over the steps, as Stepping::tolerance
-    uint64_t links = 0;                  // springs between bodies that hold now
-    uint64_t broken_links = 0;
-    uint64_t broken_springs = 0;  // and those that went with removed triangles
-    uint64_t removed_triangles = 0;
-    uint64_t removed_tetrahedra = 0;
-    uint64_t opened_bodies = 0;     // closed surfaces that a cut has opened or left without a manifold: inside is what they wind around
-    uint64_t dropped_pictures = 0;  // live mode
-    uint64_t late_passes = 0;       // live mode
-    double deepest_residual = 0;    // m, deepest overlap at the end of a period
-    // least signed volume of a tetrahedron / its volume at rest, all substeps so far; infinity without solids
-    double min_volume_ratio = std::numeric_limits<double>::infinity();
+// Reference of Energy::balance.
+struct EnergyStart {
+    bool known = false;
+    double sum = 0;  // J, energies minus work at the start, plus the energies of bodies added since
+    TROCAR_FIELDS(known, sum, "J");
 };
+
+// How the values of several islands or passes are merged: the sum of integers, or the greatest or least of reals.
+enum class Merge : uint8_t { kSum, kGreatest, kLeast };
+// Destinations of a number of the report.
+inline constexpr uint8_t kStored = 1, kInMetrics = 2, kTrigger = 4, kOnPage = 8;  // captures, metrics.json, --capture counter=, report.html
+inline constexpr uint8_t kFigure = kStored | kInMetrics, kEvent = kFigure | kTrigger, kTrouble = kEvent | kOnPage;
+inline constexpr uint8_t kLive = kInMetrics | kOnPage;  // depends on the real clock: not part of the state
+
+// Every number of the report, one per line: a new one needs only a line here and the code that counts it.
+// PASS: counted by a pass. ISLAND: counted by each island while it is advanced, merged into the report at the end of the pass.
+//        merge, name, unit, destinations, text after the number in report.html
+#define TROCAR_REPORT(PASS, ISLAND)                                                                                                    \
+    PASS(kSum, contact_passes, "", kFigure, "contact passes")                                                                          \
+    PASS(kSum, contact_events, "", kEvent, "passes with at least one overlapping pair")                                                \
+    PASS(kSum, dropped_contacts, "", kTrouble, "contacts beyond the capacity of a body, the shallowest, were dropped")                 \
+    PASS(kSum, oversize_triangles, "", kTrouble, "times a triangle spanned more than 64 cells of the grid and was tested by its box")  \
+    PASS(kSum, queries, "", kStored, "closest-point queries of the overlap and edge stages")                                           \
+    PASS(kSum, tie_overflows, "", kTrouble, "closest-point queries met too many ties and were repeated in double")                     \
+    PASS(kSum, sign_disagreements, "", kTrouble, "signs were settled by the winding number, because a surface had folded over itself") \
+    PASS(kSum, disagreements, "", kTrouble, "signs by pseudonormal differed from the winding number (contact.cross_check)")            \
+    ISLAND(kSum, ended_rows, "", kTrouble, "contact constraints expired: their points slid off the triangle")                          \
+    ISLAND(kSum, opposing_planes, "", kTrouble, "vertices at the end of a pass had planes that press from opposite sides")             \
+    ISLAND(kSum, nonfinite_particles, "", kTrouble, "particles became non-finite and their bodies were restored")                      \
+    ISLAND(kGreatest, deepest_residual, "m", kFigure, "deepest overlap at the end of a pass")                                          \
+    ISLAND(kLeast, min_volume_ratio, "", kStored,                                                                                      \
+           "least signed volume of a tetrahedron / its volume at rest, all substeps so far; infinity without solids")                  \
+    ISLAND(kSum, runaway_bodies, "", kTrouble, "times a body was restored because its energy had grown spontaneously")                 \
+    PASS(kSum, awake_bodies, "", kFigure, "deformable bodies that were moved in the last pass")                                        \
+    PASS(kSum, asleep_bodies, "", kFigure, "deformable bodies that slept in the last pass")                                            \
+    ISLAND(kSum, implicit_steps, "", kFigure, "steps of bodies by implicit midpoint")                                                  \
+    ISLAND(kSum, implicit_iterations, "", kFigure, "iterations of conjugate gradients in all of them")                                 \
+    PASS(kSum, links, "", kFigure, "springs between bodies that hold now")                                                             \
+    ISLAND(kSum, broken_links, "", kEvent, "springs between bodies that broke")                                                        \
+    ISLAND(kSum, broken_springs, "", kEvent, "springs that broke or went with removed triangles")                                      \
+    PASS(kSum, removed_triangles, "", kEvent, "triangles that were cut away")                                                          \
+    PASS(kSum, removed_tetrahedra, "", kEvent, "tetrahedra that were cut away")                                                        \
+    PASS(kSum, opened_bodies, "", kEvent, "closed surfaces that a cut opened or made non-manifold: inside by winding number")          \
+    ISLAND(kGreatest, worst_implicit_residual, "", kFigure, "largest residual of an implicit step, as Stepping::tolerance")            \
+    PASS(kSum, dropped_pictures, "", kLive, "pictures were dropped, because drawing was late")                                         \
+    PASS(kSum, late_passes, "", kLive | kTrigger, "contact passes were late")
+
+template <Merge merge>
+using ReportValue = std::conditional_t<merge == Merge::kSum, uint64_t, double>;
+template <Merge merge>
+constexpr ReportValue<merge> kReportStart = static_cast<ReportValue<merge>>(merge == Merge::kLeast ? std::numeric_limits<double>::infinity()
+                                                                                                   : 0);
+
+#define TROCAR_NO_NUMBER(...)
+#define TROCAR_DECLARE_NUMBER(merge, name, ...) ReportValue<Merge::merge> name = kReportStart<Merge::merge>;
+
+// A pass neither throws nor prints; its events are counted here.
+struct Report {
+    TROCAR_REPORT(TROCAR_DECLARE_NUMBER, TROCAR_DECLARE_NUMBER)
+};
+// The same, of one island.
+struct IslandReport {
+    TROCAR_REPORT(TROCAR_NO_NUMBER, TROCAR_DECLARE_NUMBER)
+};
+
+// A line of the list above.
+struct ReportNumber {
+    const char *name, *unit;
+    uint8_t where;
+    const char* text;
+};
+
+// visit(ReportNumber, number) for every number of a report with a destination in `where`.
+template <typename R, typename Visit>
+void each_number(R&& report, uint8_t where, const Visit& visit) {
+#define TROCAR_VISIT_NUMBER(merge, name, unit, uses, text) \
+    if (((uses)&where) != 0) visit(ReportNumber{#name, unit, uses, text}, report.name);
+    TROCAR_REPORT(TROCAR_VISIT_NUMBER, TROCAR_VISIT_NUMBER)
+#undef TROCAR_VISIT_NUMBER
+}
+
+// Merges an island's counts into the report.
+inline void add_to_report(const IslandReport& island, Report& report) {
+    const auto merge = [](Merge how, auto& sum, auto value) {
+        sum = how == Merge::kSum ? sum + value : how == Merge::kGreatest ? std::max(sum, value) : std::min(sum, value);
+    };
+#define TROCAR_MERGE_NUMBER(how, name, ...) merge(Merge::how, report.name, island.name);
+    TROCAR_REPORT(TROCAR_NO_NUMBER, TROCAR_MERGE_NUMBER)
+#undef TROCAR_MERGE_NUMBER
+}
 
 }  // namespace trocar

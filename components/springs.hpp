@@ -2,70 +2,70 @@
 #include <array>
 #include <vector>
 
+#include "components/fields.hpp"
 #include "components/math.hpp"
 namespace trocar {
 
-// Spring adjacency of every prototype in SELL-16 slices (Monakov, Lokhmotov, Avetisyan, HiPEAC 2010): 16 consecutive
-// vertices make a slice; a column holds one half-edge of each of the 16. A spring appears in the columns of both its
-// ends, so a vertex sums over its own half-edges and nothing is written twice. Constant after load.
+// Spring adjacency of every prototype in SELL-16 slices (Monakov, Lokhmotov, Avetisyan, HiPEAC 2010): 16
+// consecutive vertices make a slice; a column holds one half-edge of each of the 16. A spring appears in the
+// columns of both its ends, so a vertex sums over its own half-edges and each result is written once.
+// Constant after load.
 inline constexpr uint32_t kSliceWidth = 16;
 
 struct SpringInfo {
-    Range slices;              // rows of slice_column, one per 16 vertices
+    Range slices;              // range of slice_column, one per 16 vertices
     double mean_rest = 0;      // m
     double mean_geometry = 0;  // m, solids: mean over the edges of stiffness / modulus
-    uint32_t varied = 0;       // 1: springs differ in stiffness, see factor
-    uint32_t skin = 0;         // rows of a body before its nodes: vertices of a surface that rides on them, see Solids; padded to 16
-    uint32_t packed = kNone;   // row of Springs::packed of its first column, kNone = has none
+    uint32_t varied = 0;       // 1: stiffness differs between springs, see factor
+    uint32_t skin = 0;         // particles of a body before its nodes: vertices of an embedded surface, see Solids; padded to 16
+    uint32_t packed = kNone;   // index of its first column in Springs::packed, kNone = has none
     float rest_unit = 0;       // m, of the rest lengths in packed
+    TROCAR_FIELDS(slices, mean_rest, "m", mean_geometry, "m", varied, skin, packed, rest_unit, "m");
 };
 
-// Triangles around the vertices of prototypes that have a body which keeps its volume, in slices as those of Springs: a
-// column names the next and the last corner of one triangle around each of 16 vertices. Padding names the lane's own vertex.
+// Triangles around the vertices of prototypes with a body that keeps its volume, in slices like those of
+// Springs: a column holds the next and the last corner of one triangle around each of 16 vertices. Padding
+// holds the lane's own vertex.
 struct Fans {
-    std::vector<uint32_t> first;   // one per prototype: its first row of column, kNone = has none; may be shorter
-    std::vector<double> volume;    // one per row of first: m^3, of the rest shape, negative if inside out
-    std::vector<uint32_t> column;  // first column of a slice; slices + 1 rows per prototype that has fans
+    std::vector<uint32_t> first;   // one per prototype: its first element of column, kNone = has none; may be shorter
+    std::vector<double> volume;    // one per element of first: m^3, of the rest shape, negative if inside out
+    std::vector<uint32_t> column;  // first column of a slice; slices + 1 elements per prototype that has fans
     std::vector<uint32_t> corner;  // 32 per column: 16 next corners, counter-clockwise from outside, then 16 last ones
+    TROCAR_FIELDS(first, volume, "m^3", column, corner);
 };
 
-// Edges between two triangles of prototypes that have a body which bends, eight to a group, and for every vertex the rows of
-// the forces of its edges, in slices as those of Springs.
+// Edges between two triangles, in groups of eight, for prototypes with a body that has bending stiffness; and
+// for every vertex the indices of the forces of its edges, in slices like those of Springs.
 struct Hinges {
     std::vector<Range> groups;     // one per prototype; may be shorter
-    std::vector<uint32_t> vertex;  // 32 per group: 8 starts of edges, 8 ends, 8 corners on the left, 8 on the right; padding 0
+    std::vector<uint32_t> vertex;  // 32 per group: 8 starts of edges, 8 ends, 8 left corners, 8 right corners; padding 0
     std::vector<float> sine;       // 8 per group, of the angle at rest
     std::vector<float> cosine;
-    std::vector<float> weight;     // 8 per group: length^2 / (area + area) at rest, less of slivers; padding 0
-    std::vector<float> cap;        // 16 per group, 1/m: most that 1 / height of the left and the right corner counts
-    std::vector<uint32_t> first;   // one per prototype: its first row of column, kNone = has none
-    std::vector<uint32_t> column;  // first column of a slice; slices + 1 rows per prototype that has hinges
-    std::vector<uint32_t> slot;    // 16 per column: 32 * group + 8 * corner + place in the group, groups counted from the
-                                   // prototype's first; padding names the row after the last
+    std::vector<float> weight;     // 8 per group: length^2 / (area + area) at rest, reduced for slivers; padding 0
+    std::vector<float> cap;        // 16 per group, 1/m: upper limit on 1 / height of the left and the right corner
+    std::vector<uint32_t> first;   // one per prototype: its first element of column, kNone = has none
+    std::vector<uint32_t> column;  // first column of a slice; slices + 1 elements per prototype that has hinges
+    std::vector<uint32_t> slot;    // 16 per column: 32 * group + 8 * corner + index in the group, groups counted from
+                                   // the prototype's first; padding is the index past the last
+    TROCAR_FIELDS(groups, vertex, sine, cosine, weight, cap, "1/m", first, column, slot);
 };
 
 struct Springs {
     std::vector<SpringInfo> info;        // one per prototype
-    std::vector<uint32_t> slice_column;  // first column of a slice; slices.count + 1 rows per prototype, at slices.first + prototype row
-    std::vector<uint32_t> neighbour;     // 16 per column: local vertex at the far end; padding names the vertex itself
+    std::vector<uint32_t> slice_column;  // first column of a slice; slices.count + 1 elements per prototype, at
+                                         // slices.first + prototype index
+    std::vector<uint32_t> neighbour;     // 16 per column: local vertex at the far end; padding holds the vertex itself
     std::vector<float> rest_length;      // 16 per column: m; padding 0
-    std::vector<float> factor;           // as rest_length, up to the last varied prototype: stiffness / spring_stiffness of the body
-    // Of prototypes whose columns a core's cache does not hold: a column in one cache line, the same springs to the bit.
-    // 16 far ends as neighbour + 32768 - the slice's first vertex, then 16 rest lengths / rest_unit.
+    std::vector<float> factor;           // as rest_length, up to the last prototype with varied stiffness: stiffness
+                                         // / spring_stiffness of the body
+    // For prototypes whose columns exceed one core's cache: a column in one cache line, with bitwise the same
+    // springs. 16 far ends as neighbour + 32768 - the slice's first vertex, then 16 rest lengths / rest_unit.
     std::vector<std::array<uint16_t, 2 * kSliceWidth>> packed;
     std::vector<float> area_share;  // one per vertex of the prototype (padded to 16): third of the incident area, m^2; padding 0
-    std::vector<Range> vertices;    // one per prototype: rows of area_share
+    std::vector<Range> vertices;    // one per prototype: range of area_share
     Fans fans;
     Hinges hinges;
-    // The same springs, each once, in colours: no two of a colour share an end. Only of prototypes of bodies stepped by
-    // xpbd, else empty ranges; no rows at all where nobody is. 16 springs a batch; padding names rows beyond the
-    // prototype's padded vertices: 2 lane and 2 lane + 1 from there.
-    std::vector<Range> colours;                                      // one per prototype: rows of colour
-    std::vector<Range> colour;                                       // batches
-    std::vector<std::array<uint32_t, 2 * kSliceWidth>> batch;        // 16 first ends, then 16 second ends
-    std::vector<std::array<float, kSliceWidth>> batch_rest;          // m
-    std::vector<std::array<float, kSliceWidth>> batch_factor;        // as factor; as batch, up to the last varied prototype
-    std::vector<std::array<uint32_t, kSliceWidth>> batch_half_edge;  // row of neighbour, of the first end; kNone of padding
+    TROCAR_FIELDS(info, slice_column, neighbour, rest_length, "m", factor, packed, area_share, "m^2", vertices, fans, hinges);
 };
 
 }  // namespace trocar

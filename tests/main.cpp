@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <string>
 
-#include "engine/thread_pool.hpp"
+#include "engine/jobs/thread_pool.hpp"
 #include "reference/paths.hpp"
 
 namespace {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <numeric>
 
-#include "engine/geometry/contact_kernels.hpp"
+#include "engine/mesh/contact_kernels.hpp"
 namespace trocar::bench {
 namespace {
 
@@ -25,6 +25,9 @@ struct Grid {
         return at;
     }
 };
+
+// Where a cell belongs in a table of 2^(64 - shift) slots.
+uint32_t cell_slot(uint64_t key, uint32_t shift) { return uint32_t((key * 0x9E3779B97F4A7C15ull) >> shift); }
 
 }  // namespace
 
@@ -72,7 +75,7 @@ void RasteriseAll::find(const Soup& soup, double cell_size, TrianglePairs& pairs
         used_.clear(), slot_.clear(), row_.clear(), key_.clear();
     };
     clear(table_.size());
-    for (uint32_t t = 0; t < triangles; ++t) {  // pass 1: how many bodies a cell has
+    for (uint32_t t = 0; t < triangles; ++t) {  // pass 1: number of bodies per cell
         if (used_.size() * 2 + 1024 > table_.size()) {
             clear(4 * table_.size());
             t = UINT32_MAX;  // from the start
@@ -147,7 +150,7 @@ void SweptTrees::build(const Soup& soup, uint32_t body) {
     for (uint32_t n = root; n < node_.size(); ++n) {
         const uint32_t first = node_[n].first, count = node_[n].count;
         if (count <= 4) continue;
-        // where the highest differing bit of the codes changes; in the middle where all are equal
+        // split where the highest differing bit of the codes changes; in the middle if all are equal
         const auto code = [&](uint32_t row) { return coded[row - base][0]; };
         const uint32_t differ = code(first) ^ code(first + count - 1);
         uint32_t split = first + count / 2;

@@ -2,11 +2,11 @@
 #include "bench/peers/soup.hpp"
 namespace trocar::bench {
 
-// Other ways to find the pairs of triangles of different bodies whose boxes meet. All return the same pairs.
+// Other methods of finding triangle pairs of different bodies whose boxes overlap; equal results.
 
-// The thesis' construction and instruction (3.3.1, 3.3.2) without a look at body boxes: every triangle of every body is
-// rasterised, cells are counted by object, and only those of several objects are filled and compared. Hashing as in the
-// engine: 64-bit keys, compared, slots of the first pass kept for the second.
+// The thesis' construction and instruction (3.3.1, 3.3.2) without body boxes: every triangle of every body is
+// rasterised, cells are counted by object, and only those of several objects are filled and compared. Hashing
+// as in the engine: 64-bit keys, compared, slots of the first pass reused in the second.
 class RasteriseAll {
  public:
     void find(const Soup& soup, double cell_size, TrianglePairs& pairs);
@@ -22,8 +22,9 @@ class RasteriseAll {
     std::vector<FloatBox> box_;
 };
 
-// Sweep-and-prune over body boxes, then both trees of every pair of bodies downward together. A tree is a linear bounding
-// volume hierarchy over Morton order (Lauterbach et al. 2009), four triangles a leaf, built once and refitted while its body is in a pair.
+// Sweep-and-prune over body boxes, then simultaneous descent of both trees of every pair of bodies. A tree is
+// a linear bounding volume hierarchy over Morton order (Lauterbach et al. 2009), four triangles per leaf,
+// built once and refitted while its body is in a pair.
 class SweptTrees {
  public:
     explicit SweptTrees(const Soup& soup);
@@ -33,7 +34,7 @@ class SweptTrees {
     struct Node {
         FloatBox box;
         uint32_t child = 0;             // first of two; 0 = leaf
-        uint32_t first = 0, count = 0;  // rows of order_
+        uint32_t first = 0, count = 0;  // indices into order_
     };
     void build(const Soup& soup, uint32_t body);
     void refit(const Soup& soup, uint32_t body);
@@ -48,7 +49,7 @@ class SweptTrees {
     std::vector<std::array<uint32_t, 2>> stack_, met_;
 };
 
-// Every body box with every other, then every triangle box with every other.
+// Every body box against every other, then every triangle box against every other.
 void find_by_brute_force(const Soup& soup, TrianglePairs& pairs);
 
 }  // namespace trocar::bench

@@ -10,7 +10,7 @@ class BulletPairs {
  public:
     explicit BulletPairs(const std::vector<Box>& boxes);
     ~BulletPairs();
-    // Moves the boxes and updates the pairs. Returns how many it holds: those of enlarged boxes, more than meet.
+    // Moves the boxes and updates the pairs. Returns their number; those of enlarged boxes count too.
     size_t update(const std::vector<Box>& boxes);
 
  private:

@@ -5,8 +5,8 @@
 #include "components/mesh.hpp"
 namespace trocar::bench {
 
-// CGAL's answers on one closed mesh: AABB_tree::closest_point_and_primitive with the distance accelerator, and
-// Side_of_triangle_mesh on the same tree (kernel with exact predicates and inexact constructions).
+// CGAL's queries on one closed mesh: AABB_tree::closest_point_and_primitive with the distance accelerator,
+// and Side_of_triangle_mesh on the same tree (kernel with exact predicates and inexact constructions).
 class CgalSurface {
  public:
     CgalSurface(std::span<const Vec3d> position, std::span<const Triangle> triangle);

@@ -2,19 +2,19 @@
 #include "bench/peers/signed_distance.hpp"
 namespace trocar::bench {
 
-// Signed closest-point queries in plain float, as a mesh library without exact finishing does them: a tree of float boxes
-// in world coordinates, textbook float triangles, float pseudonormals. The method "vertex, float" of the plots.
+// Signed closest-point queries in plain float without exact finishing: a tree of float boxes in world
+// coordinates, textbook float triangles and pseudonormals. The method "vertex, float" of the plots.
 class FloatDepth {
  public:
     explicit FloatDepth(const Soup& soup);
     void refit(const Soup& soup);
-    // Largest distance of a vertex of one body inside the other, both ways; only vertices inside the other's box.
+    // Largest depth of a vertex of either body inside the other; only vertices inside the other's box.
     float depth(const Soup& soup);
 
  private:
     struct Node {
         FloatBox box;
-        uint32_t child = 0, first = 0, count = 0;  // child of 0: leaf over rows of order_
+        uint32_t child = 0, first = 0, count = 0;  // child 0: leaf with a range of order_
     };
     Closest<float> nearest(const Soup& soup, uint32_t body, const Vec<float>& p);
 

@@ -41,7 +41,7 @@ CgalMesh cgal_mesh(const std::vector<Vec3d>& position, std::span<const Triangle>
     return mesh;
 }
 
-// Both meshes, their trees built before the first question.
+// Both meshes, with trees built in advance.
 struct CgalPair {
     CgalMesh a, b;
     CGAL::Rigid_triangle_mesh_collision_detection<CgalMesh> detection;

@@ -5,8 +5,8 @@
 #include "bench/peers/soup.hpp"
 namespace trocar::bench {
 
-// Textbook signed distance in one precision, for the peers: closest point by Voronoi regions (Ericson, Real-Time Collision
-// Detection, 5.1.5) with no guard for slivers, sign by the angle-weighted pseudonormal (Baerentzen & Aanaes 2005).
+// Textbook signed distance in one precision: closest point by Voronoi regions (Ericson, Real-Time Collision
+// Detection, 5.1.5) without sliver guard, sign by pseudonormal (Baerentzen & Aanaes 2005).
 template <typename Real>
 struct Vec {
     Real x, y, z;
@@ -40,7 +40,7 @@ struct Closest {
     Real squared = 0;
 };
 
-// Which triangles meet in a vertex of the soup.
+// The triangles incident to each vertex of the soup.
 struct Incidence {
     std::vector<uint32_t> first, triangle;
     explicit Incidence(const Soup& soup) : first(soup.position.size() + 1, 0), triangle(3 * soup.triangle.size()) {

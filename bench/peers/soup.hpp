@@ -5,13 +5,13 @@
 #include <vector>
 
 #include "components/mesh.hpp"
-#include "engine/surfaces.hpp"
+#include "engine/mesh/surfaces.hpp"
 namespace trocar::bench {
 
-// All bodies of a scene as one list of triangles in world floats: what the peers work on.
+// All bodies of a scene as one list of triangles in world floats: input of the reference methods.
 struct Soup {
     std::vector<Float4> position;            // m
-    std::vector<Triangle> triangle;          // rows of position
+    std::vector<Triangle> triangle;          // indices into position
     std::vector<uint32_t> body;              // per triangle
     std::vector<Range> vertices, triangles;  // per body
     double mean_edge = 0;                    // m
@@ -33,11 +33,11 @@ inline FloatBox box_of(const Soup& soup, uint32_t triangle) {
     return {_mm_min_ps(_mm_min_ps(a, b), c), _mm_max_ps(_mm_max_ps(a, b), c)};
 }
 
-// Places of the bodies now; the topology once.
+// Updates the present positions; the topology once.
 Soup make_soup(const Surfaces& surfaces);
 void move_soup(const Surfaces& surfaces, Soup& soup);
 
-// Rows of two triangles of different bodies whose boxes meet, a's body before b's.
+// Indices of two triangles of different bodies with overlapping boxes, a's body before b's.
 using TrianglePairs = std::vector<std::array<uint32_t, 2>>;
 
 }  // namespace trocar::bench

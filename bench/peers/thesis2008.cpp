@@ -2,10 +2,10 @@
 
 #include <algorithm>
 
-#include "engine/geometry/contact_kernels.hpp"
+#include "engine/mesh/contact_kernels.hpp"
 namespace trocar::bench {
 
-// Cells that completely include a triangle: those of its box.
+// Cells that completely contain a triangle: those of its box.
 template <typename Visit>
 void Thesis2008::rasterise(const Soup& soup, uint32_t triangle, const Visit& visit) const {
     uint32_t low[3], high[3];
@@ -62,7 +62,7 @@ void Thesis2008::find_overlap(const Soup& soup, const std::vector<uint64_t>& cel
             vertices[side].insert(vertices[side].end(), soup.triangle[t].begin(), soup.triangle[t].end());
         unique(vertices[side]);
     }
-    std::vector<Vec<double>> way;
+    std::vector<Vec<double>> displacement;
     for (int side = 0; side < 2; ++side) {
         for (const uint32_t v : vertices[side]) {
             const Vec<double> p = vertex<double>(soup, v);
@@ -74,15 +74,15 @@ void Thesis2008::find_overlap(const Soup& soup, const std::vector<uint64_t>& cel
             const Vec<double> r = p - best.point;
             if (!(dot(pseudonormal<double>(soup, incidence_, best), r) < 0)) continue;
             pair.inside.push_back({v, pair.bodies[side], norm(r), 0});
-            way.push_back(side == 0 ? best.point - p : r);  // the way of the first body out of the second
+            displacement.push_back(side == 0 ? best.point - p : r);  // separation direction of the first body
         }
     }
-    for (size_t i = 0; i < way.size(); ++i) {
+    for (size_t i = 0; i < displacement.size(); ++i) {
         if (pair.inside[i].distance <= pair.depth) continue;
         pair.depth = pair.inside[i].distance;
-        pair.direction = 1 / pair.depth * way[i];
+        pair.direction = 1 / pair.depth * displacement[i];
     }
-    for (size_t i = 0; i < way.size(); ++i) pair.inside[i].projected = std::abs(dot(way[i], pair.direction));
+    for (size_t i = 0; i < displacement.size(); ++i) pair.inside[i].projected = std::abs(dot(displacement[i], pair.direction));
 }
 
 void Thesis2008::run(const Soup& soup, double cell_size, std::vector<ThesisPair>& pairs) {

@@ -7,7 +7,7 @@ namespace trocar::bench {
 
 // One vertex inside the other body of a pair (thesis 4.1.1, 4.2).
 struct ThesisVertex {
-    uint32_t vertex = 0;  // row of the soup
+    uint32_t vertex = 0;  // index in the soup
     uint32_t body = 0;
     double distance = 0;   // m, shortest distance to the other surface, > 0
     double projected = 0;  // m, on the direction of the pair
@@ -19,10 +19,11 @@ struct ThesisPair {
     Vec<double> direction{0, 0, 0};  // of that one: the single direction of the pair
 };
 
-// R. Pavithran's collision detection of 2008 (chapters 3.3 and 4), written anew from the text, with its containers: cells
-// in a hash table, the objects of a cell in a search tree, their triangles in a vector. Candidates are the vertices of
-// triangles in potential collision cells and nothing else; closest points are sought among the other object's triangles
-// of those cells; one direction a pair, distances projected on it. Distances in double, so that its errors are the method's.
+// R. Pavithran's collision detection of 2008 (chapters 3.3 and 4), reimplemented from the text, with its
+// containers: cells in a hash table, the objects of a cell in a search tree, their triangles in a vector.
+// Candidates are only the vertices of triangles in potential collision cells; closest points are searched
+// among the other object's triangles of those cells; one direction per pair, distances projected on it.
+// Distances in double, so that the errors are the method's.
 class Thesis2008 {
  public:
     explicit Thesis2008(const Soup& soup) : incidence_(soup) {}

@@ -7,7 +7,8 @@
 #pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
-// Eight floats in a register, and eight points or vectors, coordinate by coordinate: a lane of each register belongs to one of them.
+// Eight floats in a register, and eight points or vectors, coordinate by coordinate: each lane of a register
+// belongs to one of them.
 typedef float Vec8f __attribute__((vector_size(32)));
 struct EightPoints {
     Vec8f x = {}, y = {}, z = {};
@@ -26,7 +27,7 @@ void put_lanes(Vec8f a, Lanes& lanes, size_t first = 0) {
 inline Vec8f lanes_of(float x) { return Vec8f{x, x, x, x, x, x, x, x}; }
 inline uint32_t mask_bits(Mask8 mask) { return uint32_t(_mm256_movemask_ps((__m256)mask)); }
 inline Vec8f square_roots(Vec8f a) { return (Vec8f)_mm256_sqrt_ps((__m256)a); }
-// The second where either is NaN.
+// Returns the second argument if either is NaN.
 inline Vec8f least(Vec8f a, Vec8f b) { return (Vec8f)_mm256_min_ps((__m256)a, (__m256)b); }
 inline Vec8f greatest(Vec8f a, Vec8f b) { return (Vec8f)_mm256_max_ps((__m256)a, (__m256)b); }
 inline Vec8f positive(Vec8f a) { return greatest(a, Vec8f{}); }

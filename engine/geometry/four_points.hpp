@@ -6,15 +6,15 @@
 #pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
-// Four points or vectors, coordinate by coordinate: a lane of each register belongs to one of them. Work on four contact
-// rows at a time costs little more than on one, and no sum runs across lanes.
+// Four points or vectors, coordinate by coordinate: each lane of a register belongs to one of them. Four
+// contact constraints cost little more than one, and no sum runs across lanes.
 struct FourPoints {
     Vec4d x = {}, y = {}, z = {};
 };
 // Comparisons of lanes: -1 where true, 0 where not. `mask ? a : b` picks lane by lane.
 using Mask4 = decltype(Vec4d{} < Vec4d{});
 
-// Four numbers that are no more than floats where they come from.
+// Four numbers that are exact as floats.
 struct alignas(16) FourFloats {
     std::array<float, 4> lane;
 };
@@ -30,7 +30,7 @@ inline Mask4 mask_lanes(uint32_t bits) {
 inline bool any(Mask4 mask) { return mask_bits(mask) != 0; }
 inline Vec4d keep(Mask4 mask, Vec4d a) { return (Vec4d)(mask & (Mask4)a); }  // zero elsewhere, even where a is NaN
 inline Vec4d square_root(Vec4d a) { return (Vec4d)_mm256_sqrt_pd((__m256d)a); }
-// The second where either is NaN.
+// Returns the second argument if either is NaN.
 inline Vec4d least(Vec4d a, Vec4d b) { return (Vec4d)_mm256_min_pd((__m256d)a, (__m256d)b); }
 inline Vec4d greatest(Vec4d a, Vec4d b) { return (Vec4d)_mm256_max_pd((__m256d)a, (__m256d)b); }
 
@@ -46,7 +46,7 @@ inline FourPoints cross(const FourPoints& a, const FourPoints& b) {
 
 inline FourPoints in_all_lanes(const Vec3d& p) { return {all_lanes(p.x()), all_lanes(p.y()), all_lanes(p.z())}; }
 
-// Four vectors of make_vec4 side by side, and back.
+// Packs four vectors of make_vec4 into lanes, and the inverse.
 inline FourPoints side_by_side(Vec4d a, Vec4d b, Vec4d c, Vec4d d) {
     const __m256d xz0 = _mm256_unpacklo_pd((__m256d)a, (__m256d)b), y0 = _mm256_unpackhi_pd((__m256d)a, (__m256d)b);
     const __m256d xz1 = _mm256_unpacklo_pd((__m256d)c, (__m256d)d), y1 = _mm256_unpackhi_pd((__m256d)c, (__m256d)d);

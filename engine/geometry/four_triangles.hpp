@@ -4,7 +4,7 @@
 #pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
-// Four triangles, a lane each.
+// Four triangles, one per lane.
 struct FourTriangles {
     FourPoints a, b, c;
 };
@@ -22,7 +22,8 @@ inline FourPoints precise_cross(const FourPoints& u, const FourPoints& v) {
     return {product_difference(u.y, v.z, u.z, v.y), product_difference(u.z, v.x, u.x, v.z), product_difference(u.x, v.y, u.y, v.x)};
 }
 
-// Of the origin from r + t e, 0 <= t <= 1, with r_end = r + e; at_start = dot(r, e), at_end = dot(r_end, e).
+// Squared distance of the origin from r + t e, 0 <= t <= 1, r_end = r + e; at_start = dot(r, e), at_end =
+// dot(r_end, e).
 inline Vec4d squared_distance_of_segment(const FourPoints& r, const FourPoints& r_end, const FourPoints& e, Vec4d at_start, Vec4d at_end) {
     const Vec4d length2 = norm2(e), along = -at_start;
     const Mask4 first_half = along <= 0.5 * length2, beyond_start = ~(along > Vec4d{}), beyond_end = ~(along < length2);
@@ -33,8 +34,8 @@ inline Vec4d squared_distance_of_segment(const FourPoints& r, const FourPoints& 
 
 }  // namespace four_triangles
 
-// Squared distances (m^2) of a point, the same in all lanes, from four triangles: to the bit those that closest_point_on_triangle
-// gives one by one.
+// Squared distances (m^2) of a point, the same in all lanes, from four triangles: bitwise those of
+// closest_point_on_triangle.
 inline Vec4d squared_distances(const FourPoints& p, const FourTriangles& t) {
     using namespace four_triangles;
     const FourPoints ab = t.b - t.a, bc = t.c - t.b, ca = t.a - t.c, ac = t.c - t.a;

@@ -5,7 +5,7 @@
 namespace trocar {
 namespace {
 
-// Scalars only: the compiler would read pairs of what it has just written one by one, and wait for the store.
+// Scalars only: vectorised code would reload pairs just written one by one, and wait for the store.
 double dot(const Vec3d& u, const Vec3d& v) { return u.x() * v.x() + u.y() * v.y() + u.z() * v.z(); }
 // (u x v) . w
 double triple(const Vec3d& u, const Vec3d& v, const Vec3d& w) {
@@ -27,14 +27,14 @@ struct SegmentPoint {
     int end;  // 0 start, 1 end, 2 between
 };
 
-// closest point to the origin on r + t e, 0 <= t <= 1, with r_end = r + e. Ends are taken from their own corner, so
-// that two edges that share it give the same bits.
+// closest point to the origin on r + t e, 0 <= t <= 1, with r_end = r + e. Ends are taken from their own
+// corner, so that two edges that share it give the same bits.
 SegmentPoint closest_on_segment(const Vec3d& r, const Vec3d& r_end, const Vec3d& e) {
     const double along = -dot(r, e);
     const double length2 = dot(e, e);
     if (!(along > 0)) return {r, dot(r, r), 0};
     if (!(along < length2)) return {r_end, dot(r_end, r_end), 1};
-    // from the nearer end: the product t * e is then the shorter one
+    // from the nearer end, so that the product t * e is shorter
     const Vec3d q = along <= 0.5 * length2 ? Vec3d(r + (along / length2) * e) : Vec3d(r_end - (dot(r_end, e) / length2) * e);
     return {q, dot(q, q), 2};
 }
@@ -42,7 +42,7 @@ SegmentPoint closest_on_segment(const Vec3d& r, const Vec3d& r_end, const Vec3d&
 }  // namespace
 
 Vec3d triangle_normal(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-    // rounding u and v is as good as moving b and c by a rounding unit of the edges; rounding the products is not
+    // rounding u and v equals moving b and c by a rounding unit of the edges; rounding the products does not
     const Vec3d u = b - a, v = c - a;
     const Vec3d n = precise_cross(u, v);
     if (dot(n, n) <= 0x1p-100 * (dot(u, u) * dot(v, v))) return Vec3d::Zero();
@@ -55,7 +55,7 @@ TrianglePoint closest_point_on_triangle(const Vec3d& p, const Vec3d& a, const Ve
     const Vec3d n = triangle_normal(a, b, c);
     const double n2 = dot(n, n);
     if (n2 > 0 && triple(n, ab, ra) < 0 && triple(n, bc, rb) < 0 && triple(n, ca, rc) < 0) {
-        // at a needle's tip rounding lets points far beyond it pass the three planes: ask the vertex regions too
+        // at a needle's tip rounding lets points far beyond it pass the planes: test the vertex regions too
         const bool beyond_a = dot(ra, ab) > 0 && dot(ra, ca) < 0;
         const bool beyond_b = dot(rb, bc) > 0 && dot(rb, ab) < 0;
         const bool beyond_c = dot(rc, ca) > 0 && dot(rc, bc) < 0;

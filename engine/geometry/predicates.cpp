@@ -5,7 +5,8 @@
 namespace trocar {
 namespace {
 
-// An exact number as a sum of doubles that do not overlap, smallest first, zeros left out: the sign is the last one's.
+// An exact number as a sum of non-overlapping doubles, smallest first, without zeros: the last one gives the
+// sign.
 template <int kCapacity>
 struct Expansion {
     double term[kCapacity];
@@ -75,8 +76,8 @@ Expansion<16> minor(const Expansion<2>& a, const Expansion<2>& b, const Expansio
     return out;
 }
 
-// Power of two that brings the largest of the numbers near 2^300: then triple products of bits 600 orders smaller
-// neither overflow nor get flushed to zero.
+// Power of two that scales the largest of the numbers to about 2^300: then triple products of bits 600 orders
+// smaller neither overflow nor are flushed to zero.
 double scale_for(std::initializer_list<double> numbers) {
     double largest = 0;
     for (const double x : numbers) largest = std::max(largest, std::abs(x));
@@ -88,7 +89,7 @@ double scale_for(std::initializer_list<double> numbers) {
 }  // namespace
 
 int orient2d_exact(double ax, double ay, double bx, double by, double cx, double cy) {
-    // points of one axis-parallel line, or the same point twice, are common in made meshes
+    // points of one axis-parallel line, or repeated points, are common in synthetic meshes
     if ((ax == bx && ax == cx) || (ay == by && ay == cy) || (ax == cx && ay == cy) || (bx == cx && by == cy)) return 0;
     const double s = scale_for({ax, ay, bx, by, cx, cy});
     return minor(difference(s * ax, s * cx), difference(s * ay, s * cy), difference(s * bx, s * cx), difference(s * by, s * cy)).sign();
@@ -118,7 +119,7 @@ int turn_exact(double ux, double uy, double vx, double vy, double sx, double sy,
 int orient3d_moving_point(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
     const int side = orient3d(a, b, c, d);
     if (side != 0) return side;
-    // the determinant grows by the normal (b - a) x (c - a) times the move
+    // the determinant increases by the normal (b - a) x (c - a) times the displacement
     const int x = orient2d(a.y(), a.z(), b.y(), b.z(), c.y(), c.z());
     if (x != 0) return x;
     const int y = orient2d(a.z(), a.x(), b.z(), b.x(), c.z(), c.x());
@@ -128,7 +129,7 @@ int orient3d_moving_point(const Vec3d& a, const Vec3d& b, const Vec3d& c, const 
 int orient3d_moving_edge(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
     const int side = orient3d(a, b, c, d);
     if (side != 0) return side;
-    // the determinant grows by (b - a) x (c - d) times the move
+    // the determinant increases by (b - a) x (c - d) times the displacement
     const int x = turn_exact(a.y(), a.z(), b.y(), b.z(), d.y(), d.z(), c.y(), c.z());
     if (x != 0) return x;
     const int y = turn_exact(a.z(), a.x(), b.z(), b.x(), d.z(), d.x(), c.z(), c.x());

@@ -4,16 +4,16 @@
 #include "components/math.hpp"
 namespace trocar {
 
-// Exact signs by expansion arithmetic, whatever the rounding. Slow: called where the filters below cannot decide.
+// Exact signs by expansion arithmetic, for all inputs. Slow: only where the filters below cannot decide.
 int orient2d_exact(double ax, double ay, double bx, double by, double cx, double cy);
 int orient3d_exact(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
 
-// Products below this may have lost bits to underflow (we run with flush-to-zero), so no filter trusts them.
+// Products below this may have lost bits to underflow (flush-to-zero is on), so the filters reject them.
 inline constexpr double kUnderflowGuard = 0x1p-900;
 
-// Sign (-1, 0, 1) of the turn a, b, c in the plane: 1 when counter-clockwise, 0 exactly when collinear. Exact for
-// finite coordinates whose bits span less than 600 binary orders of magnitude.
-// Shewchuk, "Adaptive precision floating-point arithmetic", DCG 18 (1997), section 4.2 (the filter).
+// Orientation (-1, 0, 1) of a, b, c in the plane: 1 when counter-clockwise, 0 exactly when collinear. Exact
+// for finite coordinates whose bits span less than 600 binary orders of magnitude. Shewchuk, "Adaptive
+// precision floating-point arithmetic", DCG 18 (1997), section 4.2 (the filter).
 inline int orient2d(double ax, double ay, double bx, double by, double cx, double cy) {
     const double left = (ax - cx) * (by - cy);
     const double right = (ay - cy) * (bx - cx);
@@ -23,8 +23,8 @@ inline int orient2d(double ax, double ay, double bx, double by, double cx, doubl
     return orient2d_exact(ax, ay, bx, by, cx, cy);
 }
 
-// Side (-1, 0, 1) of d to the plane through a, b, c: 1 where (b - a) x (c - a) points to, 0 exactly when coplanar.
-// Exact as orient2d. Shewchuk 1997, section 4.3 (the filter).
+// Side (-1, 0, 1) of d relative to the plane through a, b, c: 1 in the direction of (b - a) x (c - a), 0
+// exactly when coplanar. Exact as orient2d. Shewchuk 1997, section 4.3 (the filter).
 inline int orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) {
     const double bx = b.x() - a.x(), by = b.y() - a.y(), bz = b.z() - a.z();
     const double cx = c.x() - a.x(), cy = c.y() - a.y(), cz = c.z() - a.z();
@@ -39,13 +39,14 @@ inline int orient3d(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d&
     return orient3d_exact(a, b, c, d);
 }
 
-// Sign of the turn from direction u -> v to direction s -> t in the plane. Exact as orient2d, without a filter: for ties.
+// Sign of the rotation from direction u -> v to direction s -> t in the plane. Exact as orient2d, without a
+// filter: for ties.
 int turn_exact(double ux, double uy, double vx, double vy, double sx, double sy, double tx, double ty);
 
-// Simulation of simplicity for two bodies (Edelsbrunner, Muecke, ACM TOG 9(1), 1990, with a move in place of one
-// perturbation a point): the signs that orient3d takes when some of its points move by the infinitesimal
-// (e, e^2, e^3). They are 0 only where no move along the axes helps: a, b, c collinear; a-b parallel to c-d.
-// d moves against a, b, c:
+// Simulation of simplicity for two bodies (Edelsbrunner, Muecke, ACM TOG 9(1), 1990, with one displacement of
+// a body instead of one perturbation per point): the signs of orient3d when some of its points are displaced
+// by the infinitesimal (e, e^2, e^3). They are 0 only where no displacement along the axes helps: a, b, c
+// collinear; a-b parallel to c-d. d moves against a, b, c:
 int orient3d_moving_point(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
 // c and d move against a and b:
 int orient3d_moving_edge(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);

@@ -5,7 +5,8 @@
 #include "components/math.hpp"
 namespace trocar {
 
-// v turned by q. Scalars: Eigen's expressions were calls, a twentieth of the time of a scene with much on static bodies.
+// v rotated by q. Scalars, because Eigen's expressions compiled to calls, a twentieth of the time of a scene
+// with much contact on static bodies.
 inline Vec3d rotate(const Quat& q, const Vec3d& v) {
     const double tx = 2 * (q.y * v.z() - q.z * v.y()), ty = 2 * (q.z * v.x() - q.x * v.z()), tz = 2 * (q.x * v.y() - q.y * v.x());
     return {v.x() + q.w * tx + (q.y * tz - q.z * ty), v.y() + q.w * ty + (q.z * tx - q.x * tz), v.z() + q.w * tz + (q.x * ty - q.y * tx)};
@@ -13,7 +14,7 @@ inline Vec3d rotate(const Quat& q, const Vec3d& v) {
 inline Quat conjugate(const Quat& q) { return {q.w, -q.x, -q.y, -q.z}; }
 inline Vec3d rotate_back(const Quat& q, const Vec3d& v) { return rotate(conjugate(q), v); }
 
-// First b, then a.
+// Product a b: rotation by b, then by a.
 inline Quat multiply(const Quat& a, const Quat& b) {
     return {a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z, a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
             a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x, a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w};
@@ -29,7 +30,7 @@ inline Quat from_rotation_vector(const Vec3d& v) {
     const double s = std::sin(0.5 * angle) / angle;
     return {std::cos(0.5 * angle), v.x() * s, v.y() * s, v.z() * s};
 }
-// Rotation vector (rad, world axes) that turns `from` into `to` the short way.
+// Rotation vector (rad, world axes) of the shortest rotation from `from` to `to`.
 inline Vec3d rotation_vector(const Quat& from, const Quat& to) {
     Quat d = multiply(to, conjugate(from));
     if (d.w < 0) d = {-d.w, -d.x, -d.y, -d.z};

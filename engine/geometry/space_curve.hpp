@@ -4,8 +4,8 @@
 #include "components/math.hpp"
 namespace trocar {
 
-// Place of p along a Hilbert curve through the box, 16 bits an axis, so 48 in all: points that follow each other are
-// neighbours in space. Points outside (and not-a-numbers) are clamped to the box; a flat box is fine.
+// Position of p along a Hilbert curve through the box, 16 bits per axis, so 48 in all: points with adjacent
+// keys are neighbours in space. Points outside (and NaNs) are clamped to the box; a flat box is allowed.
 // Skilling, "Programming the Hilbert curve", AIP Conf. Proc. 707 (2004), section 3.
 inline uint64_t hilbert_key(const Vec3d& p, const Box& box) {
     constexpr int kBits = 16;

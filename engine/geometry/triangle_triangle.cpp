@@ -9,7 +9,7 @@
 namespace trocar {
 namespace {
 
-// A triangle brought down to what it is: three corners, the two ends of a segment, or one point.
+// A triangle reduced to its dimension: three corners, the two ends of a segment, or one point.
 struct Simplex {
     std::array<Vec3d, 3> corner;
     int count = 0;
@@ -32,8 +32,8 @@ Simplex reduce(const Corners& t) { return are_collinear(t[0], t[1], t[2]) ? make
 
 int turn(const Vec3d& a, const Vec3d& b, const Vec3d& c, int u, int v) { return orient2d(a[u], a[v], b[u], b[v], c[u], c[v]); }
 
-// Coordinate plane (its two axes) onto which the points do not fall in one line; the result is exact for any such
-// plane. False when a, b, c are collinear.
+// Coordinate plane (its two axes) in which the projected points are not collinear; the result is exact for
+// any such plane. False if a, b, c are collinear.
 bool choose_projection(const Vec3d& a, const Vec3d& b, const Vec3d& c, int& u, int& v) {
     const Vec3d normal = (b - a).cross(c - a).cwiseAbs();
     std::array<int, 3> axis{0, 1, 2};
@@ -58,7 +58,7 @@ Meeting separate_along_edges(const Simplex& a, const Simplex& b, int u, int v) {
             low = std::min(low, side);
             high = std::max(high, side);
         }
-        // a triangle lies on its inner side; a segment on its own line, so both sides count
+        // a triangle is on its inner side; a segment is on its own line, so both sides count
         const bool strictly = (inner >= 0 && high < 0) || (inner <= 0 && low > 0);
         const bool weakly = (inner >= 0 && high <= 0) || (inner <= 0 && low >= 0);
         if (strictly) return Meeting::kDisjoint;
@@ -67,8 +67,8 @@ Meeting separate_along_edges(const Simplex& a, const Simplex& b, int u, int v) {
     return best;
 }
 
-// Two simplices in one plane that together span it. Their Minkowski difference is a polygon whose edges are parallel
-// to theirs; the origin outside, on or inside it is the answer.
+// Two simplices that together span one plane. Their Minkowski difference is a polygon with edges parallel to
+// theirs; the result is whether the origin is outside, on or inside it.
 Meeting meet_in_plane(const Simplex& a, const Simplex& b, int u, int v) {
     const Meeting first = separate_along_edges(a, b, u, v);
     if (first == Meeting::kDisjoint) return first;
@@ -101,7 +101,7 @@ Meeting meet_in_plane_of(const Corners& triangle, const Simplex& other) {
     return meet_in_plane(Simplex{triangle, 3}, other, u, v);
 }
 
-// A segment whose ends lie strictly on both sides of a triangle's plane.
+// A segment whose ends are strictly on opposite sides of a triangle's plane.
 Meeting meet_piercing(const Vec3d& p, const Vec3d& q, const Corners& t) {
     int low = 1, high = -1;
     for (int k = 0; k < 3; ++k) {
@@ -113,7 +113,7 @@ Meeting meet_piercing(const Vec3d& p, const Vec3d& q, const Corners& t) {
     return low > 0 || high < 0 ? Meeting::kCrossing : Meeting::kTouching;
 }
 
-// A segment or point and a triangle with area.
+// A segment or point and a triangle of positive area.
 Meeting meet_thin_triangle(const Simplex& thin, const Corners& t) {
     const Vec3d &p = thin.corner[0], &q = thin.corner[thin.count - 1];
     const int side_p = orient3d(t[0], t[1], t[2], p);
@@ -131,7 +131,7 @@ using Sides = std::array<int, 3>;
 bool all_on_one_side(const Sides& s) { return (s[0] > 0 && s[1] > 0 && s[2] > 0) || (s[0] < 0 && s[1] < 0 && s[2] < 0); }
 bool on_both_sides(const Sides& s) { return std::min({s[0], s[1], s[2]}) < 0 && std::max({s[0], s[1], s[2]}) > 0; }
 
-// The corners of a that lie in b's plane while the rest stays on one side of it: only they can meet b.
+// Some corners of a are in b's plane and the rest is on one side of it: only those corners can meet b.
 Meeting meet_resting(const Corners& a, const Sides& sides, const Corners& b) {
     Simplex resting;
     for (int k = 0; k < 3; ++k) {
@@ -152,11 +152,11 @@ int put_lone_corner_first(Corners& t, const Sides& s) {
     return s[lone];
 }
 
-// Both triangles reach through the other's plane, so each cuts the common line in an interval of some length.
+// Both triangles cross the other's plane, so each meets the common line in an interval of positive length.
 Meeting meet_on_common_line(Corners a, const Sides& a_sides, Corners b, const Sides& b_sides) {
     const int a_first = put_lone_corner_first(a, a_sides);
     const int b_first = put_lone_corner_first(b, b_sides);
-    // turn each triangle so that the other's first corner is on its positive side
+    // reverse each triangle if needed, so that the other's first corner is on its positive side
     if (b_first < 0) std::swap(a[1], a[2]);
     if (a_first < 0) std::swap(b[1], b[2]);
     const int first = orient3d(a[0], a[1], b[0], b[1]);
@@ -181,7 +181,7 @@ Meeting meet_triangles(const Corners& a, const Corners& b) {
     if (all_on_one_side(b_sides)) return Meeting::kDisjoint;
     for (int k = 0; k < 3; ++k) a_sides[k] = orient3d(b[0], b[1], b[2], a[k]);
     if (all_on_one_side(a_sides)) return Meeting::kDisjoint;
-    // coplanar, or one of them has no area: it spans no plane, and everything lies on it
+    // coplanar, or one of them has zero area: it spans no plane and is in the other's
     if (b_sides == Sides{0, 0, 0} || a_sides == Sides{0, 0, 0}) return meet_with_thin(a, b);
     if (!on_both_sides(a_sides)) return meet_resting(a, a_sides, b);
     if (!on_both_sides(b_sides)) return meet_resting(b, b_sides, a);

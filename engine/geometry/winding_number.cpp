@@ -45,7 +45,8 @@ bool count_winding(const Vec3d& corner_a, const Vec3d& corner_b, const Vec3d& co
     if (point.y() < low_y || point.y() > high_y || point.z() < low_z || point.z() > high_z) return true;
     const int side = orient3d(*corner[0], *corner[1], *corner[2], point);
     if (side == 0 && meet_segment_triangle(point, point, {*corner[0], *corner[1], *corner[2]}) != Meeting::kDisjoint) return false;
-    // the point around the face's outline seen along x, edges half-open in y: neighbours agree on their common edge
+    // the winding of the face's outline around the point, seen along x, edges half-open in y: neighbours
+    // agree on their common edge
     int around = 0;
     for (int k = 0; k < 3; ++k) {
         const Vec3d &a = *corner[k], &b = *corner[(k + 1) % 3];

@@ -14,8 +14,8 @@
 #include <new>
 #include <string_view>
 
-// Stands in for the allocation functions of the whole process, libraries included; memory still comes from glibc under
-// its other names, so that free needs no replacement.
+// Replaces the allocation functions of the whole process, libraries included; memory still comes from glibc
+// under its other names, so free needs no replacement.
 extern "C" {
 void* __libc_malloc(size_t size);
 void* __libc_calloc(size_t count, size_t size);
@@ -25,18 +25,18 @@ void* __libc_memalign(size_t alignment, size_t size);
 
 namespace {
 
-constexpr uint64_t kKept = 4096;  // allocations remembered; more are counted as ours
+constexpr uint64_t kKept = 4096;  // allocations recorded; further ones count as ours
 constexpr int kFrames = 16;
 struct Site {
     std::array<void*, kFrames> frame;  // return addresses, innermost first
     int frames = 0;
-    void* caller = nullptr;  // the first of them outside this file
+    void* caller = nullptr;  // the first frame outside this file
 };
 std::atomic<bool> counting{false};
 std::atomic<uint64_t> total{0};
 std::array<Site, kKept> sites;
 
-// Allocates nothing itself.
+// Does not allocate.
 void note(void* caller) {
     if (!counting.load(std::memory_order_relaxed)) return;
     const uint64_t row = total.fetch_add(1, std::memory_order_relaxed);
@@ -82,13 +82,13 @@ int posix_memalign(void** out, size_t alignment, size_t size) {
 }
 }
 
-// the scheduler's own allocator and Embree's large blocks come from here
+// the scheduler's own allocator and Embree's large blocks use mmap
 extern "C" void* mmap(void* at, size_t size, int protection, int flags, int file, off_t offset) {
     note(TROCAR_CALLER);
     return reinterpret_cast<void*>(syscall(SYS_mmap, at, size, protection, flags, file, offset));
 }
 
-// not through malloc above: the caller is the one that said `new`
+// not through malloc above, so that the caller is the one of `new`
 void* operator new(size_t size) {
     note(TROCAR_CALLER);
     return checked(__libc_malloc(size));
@@ -132,16 +132,16 @@ bool starts_with_any(std::string_view text, std::initializer_list<std::string_vi
     return std::any_of(heads.begin(), heads.end(), [text](std::string_view head) { return text.starts_with(head); });
 }
 
-// Whether a frame only passes a wish on: the C and C++ libraries, the loader (which makes room for a library's thread_local
-// variables when a thread first asks for one), and what g++ made of templates anywhere. A library may call the copy of
-// std::string's functions that lies in this program.
+// Whether a frame only forwards a request: the C and C++ libraries, the loader (which allocates a library's
+// thread_local variables on a thread's first access), and template instances of g++ anywhere, as a library
+// may call this program's copy of std::string's functions.
 bool passes_on(const Dl_info& info) {
     const std::string_view file = info.dli_fname ? info.dli_fname : "", symbol = info.dli_sname ? info.dli_sname : "";
     return file.find("libstdc++") != std::string_view::npos || file.find("libc.so") != std::string_view::npos ||
            file.find("ld-linux") != std::string_view::npos || starts_with_any(symbol, {"_ZNSt", "_ZNKSt", "_ZSt", "_Znwm", "_Znam"});
 }
 
-// Who asked for an allocation: the innermost frame that does not only pass it on.
+// Origin of an allocation: the innermost frame that does not only forward it.
 Dl_info asker(const Site& site, void*& address) {
     int first = 0;
     while (first < site.frames && site.frame[static_cast<size_t>(first)] != site.caller) ++first;
@@ -154,7 +154,7 @@ Dl_info asker(const Site& site, void*& address) {
     return info;
 }
 
-std::string place(const Dl_info& info, void* address) {
+std::string position(const Dl_info& info, void* address) {
     char offset[32];
     std::snprintf(offset, sizeof offset, "+0x%tx", static_cast<char*>(address) - static_cast<char*>(info.dli_fbase));
     return std::string(info.dli_fname ? info.dli_fname : "?") + offset;
@@ -184,7 +184,7 @@ AllocationCount stop_counting_allocations() {
             ++count.embree;
         } else {
             ++count.ours;
-            const std::string name = place(info, address);
+            const std::string name = position(info, address);
             const bool seen = std::find(count.callers.begin(), count.callers.end(), name) != count.callers.end();
             if (!seen && count.callers.size() < 16) count.callers.push_back(name);
         }

@@ -5,53 +5,37 @@
 #include <string>
 #include <thread>
 
-#include "engine/thread_pool.hpp"
-#include "systems/frame.hpp"
+#include "engine/files/capture_file.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "systems/frame/frame.hpp"
 #include "tests/allocations/counting_malloc.hpp"
 #include "tests/frame/scenes_under_test.hpp"
 
-// A warm frame allocates nothing: begin, advance with its haptic ticks, and end with the picture snapshot. Drawing the
-// picture is not part of a frame (Mesa allocates as it likes). A scene is run twice from the same state; the second run
-// does the work of the first, so every buffer has met its largest use. Breaks when a stage makes a vector, a string or
-// a std::function on its way, or lets a buffer grow for ever.
+// A warm frame allocates nothing: begin, advance with its haptic ticks, and end with the picture snapshot.
+// Drawing the picture is not part of a frame (Mesa allocates freely). A scene runs twice from the same state;
+// the second run repeats the first one's work, so every buffer already has its largest size. Breaks when a
+// stage creates a vector, a string or a std::function, or lets a buffer grow for ever.
 namespace {
 using namespace trocar;
 
-// What a pass starts from, apart from caches: enough to play a scene again in the same frame.
+// State of a pass without caches: enough to replay a scene in the same frame.
 struct Start {
-    explicit Start(const World& w)
-        : clock(w.clock),
-          poses(w.poses),
-          particles(w.particles),
-          tools(w.haptics.state),
-          ways_out(w.pair_memory),
-          memory(w.contact_memory),
-          links(w.links),
-          torn(w.torn),
-          energy(w.energy),
-          sleep(w.sleep) {}
-    void restore(World& w) const {
-        w.clock = clock;
-        w.poses = poses;
-        w.particles = particles;
-        w.haptics.state = tools;
-        w.pair_memory = ways_out;
-        w.contact_memory = memory;
-        w.links = links;
-        w.torn = torn;
-        w.energy = energy;
-        w.sleep = sleep;
+    explicit Start(const World& w) {
+        for (const Resource r : resources()) save_resource(w, r, record);
     }
-    Clock clock;
-    Poses poses;
-    Particles particles;
-    std::vector<ToolState> tools;
-    PairMemory ways_out;
-    ContactMemory memory;
-    Links links;
-    Torn torn;
-    Energy energy;
-    Sleep sleep;
+    void restore(World& w) const {
+        std::vector<ToolState> tools = std::move(w.haptics.state);
+        for (const Resource r : resources()) load_resource(record, r, w);
+        tools = w.haptics.state;  // by assignment: lists inside a tool's state keep their capacity
+        w.haptics.state = std::move(tools);
+    }
+    static std::vector<Resource> resources() {
+        std::vector<Resource> kept{Resource::kEnergy};
+        for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
+            if (resource_kind(static_cast<Resource>(r)) == ResourceKind::kState) kept.push_back(static_cast<Resource>(r));
+        return kept;
+    }
+    CaptureRecord record;
 };
 
 std::string list(const AllocationCount& count) {
@@ -113,15 +97,15 @@ TEST(Allocations, CountsOfEveryThreadAndFunction) {
     });
 }
 
-// Breaks when the blocks that the scheduler's allocator takes from the system pass by the counter.
+// Breaks when the counter misses the blocks that the scheduler's allocator takes from the system.
 TEST(Allocations, CountsTheSchedulersBlocks) {
     void* library = dlopen("libtbbmalloc.so.2", RTLD_NOW);
     if (!library) GTEST_SKIP() << "the scheduler uses malloc here";
     const auto take = reinterpret_cast<void* (*)(size_t)>(dlsym(library, "scalable_malloc"));
-    const auto give = reinterpret_cast<void (*)(void*)>(dlsym(library, "scalable_free"));
-    ASSERT_TRUE(take && give);
+    const auto compliance = reinterpret_cast<void (*)(void*)>(dlsym(library, "scalable_free"));
+    ASSERT_TRUE(take && compliance);
     start_counting_allocations();
-    give(take(size_t{1} << 28));
+    compliance(take(size_t{1} << 28));
     EXPECT_GE(stop_counting_allocations().tbb, 1u);
 }
 
@@ -134,7 +118,7 @@ TEST_P(WarmFrame, AllocatesNothingOnOneThread) {
     EXPECT_GT(runs.cold.ours, 0u) << "a cold frame must allocate: is anything counted?";
     EXPECT_EQ(runs.warm.ours, 0u) << "in " << runs.passes << " warm passes" << list(runs.warm);
     EXPECT_EQ(runs.warm.tbb, 0u);
-    // Embree 3.13 makes a name of its builder in every commit
+    // Embree 3.13 allocates the name of its builder in every commit
     EXPECT_LE(runs.warm.embree, 2 * runs.passes);
 }
 
@@ -143,7 +127,7 @@ TEST_P(WarmFrame, AllocatesNothingOfOursOnThreeThreads) {
     EXPECT_GT(runs.events, 10u);
     EXPECT_EQ(runs.first_hash, runs.second_hash);
     EXPECT_EQ(runs.warm.ours, 0u) << "in " << runs.passes << " warm passes" << list(runs.warm);
-    // the scheduler cuts its tasks from blocks it holds; a worker that comes late may want one
+    // the scheduler cuts its tasks from blocks it holds; a late worker may need a new one
     EXPECT_LE(runs.warm.tbb, 3u);
 }
 
@@ -152,8 +136,8 @@ INSTANTIATE_TEST_SUITE_P(Scenes, WarmFrame,
                                          "shaft_on_liver"),
                          [](const auto& info) { return info.param; });
 
-// Islands go to threads as it happens: none may allocate for an island that another has had before. Breaks when only
-// the thread that ran the largest island has room for it.
+// Islands are assigned to threads arbitrarily: no thread may allocate for an island that another one had in
+// the first run. Breaks when only the thread that ran the largest island has memory for it.
 TEST(Allocations, NoneForIslandsThatChangeThreads) {
     const BuiltScene scene = small_scene("kidney_on_liver");
     World world;

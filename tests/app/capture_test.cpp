@@ -11,15 +11,15 @@
 #include <random>
 #include <sstream>
 
-#include "engine/error.hpp"
-#include "engine/text_file.hpp"
-#include "engine/thread_pool.hpp"
-#include "run_program.hpp"
-#include "systems/app/capture_difference.hpp"
-#include "systems/app/capture_export.hpp"
-#include "systems/app/live_run.hpp"
-#include "systems/app/run_costs.hpp"
+#include "engine/base/error.hpp"
+#include "engine/files/text_file.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "systems/app/capture/capture_difference.hpp"
+#include "systems/app/capture/capture_export.hpp"
+#include "systems/app/report/run_costs.hpp"
+#include "systems/app/run/live_run.hpp"
 #include "tests/app/quick_scene.hpp"
+#include "tests/app/run_program.hpp"
 #include "tests/frame/written_scene.hpp"
 namespace trocar {
 namespace {
@@ -32,7 +32,7 @@ fs::path scratch_folder(const std::string& name) {
     return folder;
 }
 
-// A run of `passes` passes with these triggers; the folder of its captures.
+// Runs `passes` passes with these triggers; returns the folder of the captures.
 fs::path captured_run(const std::string& name, const std::string& triggers, uint32_t passes,
                       const std::function<World()>& scene = quick_scene, size_t most_bytes = FrameRecorder::kMostKeptBytes) {
     const fs::path folder = scratch_folder(name);
@@ -47,7 +47,7 @@ fs::path captured_run(const std::string& name, const std::string& triggers, uint
             recorder.before_pass();
             frame.step();
             PassFigures pass = pass_figures(frame, 0);
-            pass.frame_ms = i == 0 ? 500 : 1 + i % 17;  // the first pays for memory
+            pass.frame_ms = i == 0 ? 500 : 1 + i % 17;  // the first pass pays for memory
             recorder.after_pass(pass);
         }
         recorder.finish();
@@ -62,7 +62,7 @@ ReplayVerdict replay(const Capture& capture, uint32_t threads = 2) {
     return verdict;
 }
 
-// Reads, builds and steps a capture; the message where that is refused.
+// Reads, builds and steps a capture; returns the error message if it is rejected.
 std::string try_capture(const fs::path& path) {
     try {
         const Capture capture = open_capture(path);
@@ -84,8 +84,8 @@ std::string try_capture(const fs::path& path) {
 
 void write_bytes(const fs::path& path, const std::string& bytes) { std::ofstream(path, std::ios::binary) << bytes; }
 
-// Memory of states that nobody needs is used again. Fails when a state that a trigger still holds is written over: what
-// was the worst pass would start from a later state.
+// Unused state buffers are reused. Fails when a state still referenced by a trigger is overwritten: the
+// capture of the worst pass would start from a later state.
 TEST(Capture, StatesThatATriggerHoldsAreNotWrittenOver) {
     const fs::path folder = captured_run("reused", "worst", 100, quick_scene, 1);
     const Capture capture = open_capture(folder / "worst.cap");
@@ -95,7 +95,7 @@ TEST(Capture, StatesThatATriggerHoldsAreNotWrittenOver) {
     EXPECT_EQ(verdict.compared, capture.passes());
 }
 
-// Breaks when a state is not complete: anything left out starts otherwise and ends otherwise.
+// Breaks when a state is incomplete: a replay from it would differ.
 TEST(Capture, ARangeOfPassesRunsAgainToTheBitOnAnyThreads) {
     const fs::path folder = captured_run("range", "21-47", 60);
     const Capture capture = open_capture(folder / "passes_21-47.cap");
@@ -129,8 +129,8 @@ TEST(Capture, TheWorstPassAndARisingCounterAreKeptWithTheirPast) {
     EXPECT_EQ(replay(touched).difference, "");
 }
 
-// Breaks when springs that break start no capture, or the tissue that is left does not run again as it did.
-// Breaks when states of many bodies are kept as long as those of few: nine of fifty thousand balls would take 1.4 GB.
+// Breaks when the number of kept states does not fall with their size: nine states of fifty thousand balls
+// would take 1.4 GB.
 TEST(Capture, OfLargeStatesFewAreKept) {
     const fs::path few = captured_run("few_states", "over=16.5,50-51", 100, quick_scene, 1);
     const Capture kept = open_capture(few / "over_84.cap");
@@ -142,8 +142,8 @@ TEST(Capture, OfLargeStatesFewAreKept) {
     EXPECT_EQ(open_capture(few / "passes_50-51.cap").passes(), 2u) << "a range does not ask what is kept";
 }
 
-// Breaks when a capture of the worst pass is explained by one that was not judged, or a stage that did not run is shown as costing
-// nothing.
+// Breaks when `capture info` explains the worst pass by one that was not judged, or lists a stage that did
+// not run with zero cost.
 TEST(CaptureCommand, InfoTellsOfThePassThatWasJudgedWorst) {
     const fs::path folder = captured_run("judged", "worst", 40);
     const std::string file = (folder / "worst.cap").string();
@@ -164,7 +164,7 @@ TEST(Capture, TissueThatTearsIsKept) {
     const Capture torn = open_capture(rose.front());
     EXPECT_NE(torn.reason.find("broken_springs rose"), std::string::npos) << torn.reason;
     EXPECT_EQ(replay(torn).difference, "");
-    // the first pass in which anything broke
+    // find the first pass in which a spring broke
     ThreadPool pool(1);
     pool.run([&] {
         Frame frame(world_at(torn, 0), {});
@@ -197,7 +197,7 @@ TEST(Capture, TheFirstDifferenceIsNamedByPassStageArrayAndRow) {
         << replay(moved).difference;
 }
 
-// Two records that differ in one number: whose row it is, and by how much.
+// Two records that differ in one number: the text names the owner of the row and both values.
 TEST(Capture, ADifferenceNamesTheBodyAndBothValues) {
     World world = quick_scene();
     CaptureRecord scene{"scene", {}};
@@ -221,8 +221,8 @@ TEST(Capture, ADifferenceNamesTheBodyAndBothValues) {
         "pair_memory.direction, row 0, column 2 (bodies \"liver\" and \"" + world.bodies.name[other] + "\"): 0.5 and 0.75, 0.25 apart");
 }
 
-// Two runs of which one has a particle elsewhere from a certain state on: the pass after it is run again from both, and what came out
-// otherwise is named.
+// Two runs, one with a displaced particle from a certain state on: the pass after it is replayed from both
+// states, and the differing stage and row are named.
 TEST(Capture, APassThatDiffersNamesStageAndRow) {
     const fs::path file = captured_run("differs", "3-40", 45) / "passes_3-40.cap";
     const Capture one = open_capture(file);
@@ -235,7 +235,7 @@ TEST(Capture, APassThatDiffersNamesStageAndRow) {
         stretch.state.arrays.clear();
         add_number(stretch.state, "pass", stretch.pass);
         save_resources(world, ResourceKind::kState, stretch.state);
-        save_resources(world, ResourceKind::kBooks, stretch.state);
+        save_resources(world, ResourceKind::kAccounts, stretch.state);
         Frame frame(world_at(other, 1), {});
         frame.step();
         stretch.steps[0].state_hash = state_hash(frame.world());
@@ -251,7 +251,8 @@ TEST(Capture, APassThatDiffersNamesStageAndRow) {
     });
 }
 
-// The pair of the slowest pass is that of the figures of a run, which watched the same passes.
+// The most expensive pair of the slowest pass equals that in the figures of the run, which measured the same
+// passes.
 TEST(Capture, TheDearestPairIsThatOfTheRunItself) {
     const fs::path file = captured_run("pair", "3-30", 31) / "passes_3-30.cap";
     const Capture capture = open_capture(file);
@@ -294,7 +295,8 @@ TEST(Capture, OnePassRunsAgainAndAgainFromItsOwnStart) {
     });
 }
 
-// What a frame knows of sleepers holds for the repetitions, also of passes in which bodies fall asleep or wake.
+// What a frame caches about sleeping bodies is valid for the repetitions, also of passes in which bodies fall
+// asleep or wake up.
 TEST(Capture, APassWithSleepersRunsAgainAsItWas) {
     const auto boxes = [] {
         const std::vector<Override> few{
@@ -320,8 +322,9 @@ TEST(Capture, APassWithSleepersRunsAgainAsItWas) {
     });
 }
 
-// A live run knows where the hand was in the pass before, which no state of the world says. Fails when the first pass after a state
-// begins with the hand where it is at its end, or the very first with one before it.
+// A live run knows the hand's position in the previous pass, which is not part of the world's state. Fails
+// when the first pass after a state starts with the hand at its final position, or the very first pass with a
+// previous position.
 TEST(Capture, APassOfALiveRunRunsAgainAsItWas) {
     const fs::path folder = scratch_folder("live_again");
     ThreadPool pool(2);
@@ -349,7 +352,7 @@ TEST(Capture, APassOfALiveRunRunsAgainAsItWas) {
     EXPECT_EQ(replay(open_capture(folder / "passes_0-40.cap")).difference, "");
 }
 
-// A ball that is cut while it is awake, and again when it sleeps; nothing else moves it.
+// A ball that is cut while awake and again while asleep; nothing else moves it.
 constexpr const char* kCutTwice = R"(
 gravity = [0.0, 0.0, 0.0]
 [[body]]
@@ -369,9 +372,10 @@ sphere = [0.0, 0.05, 0.0, 0.03]
 time = 1.6
 )";
 
-// Surfaces follow what has torn, and are no part of a state: a world that is put back has those of its state, before a cut falls due
-// and after, and a body that lay still when it was captured lies still. Fails when a repetition begins with the surface that the one
-// before it left, or a state after a cut with an uncut one, which wakes the body.
+// Surfaces follow tears but are not part of a state: a restored world has the surfaces that belong to its
+// state, before and after a cut, and a body that was asleep when captured stays asleep. Fails when a
+// repetition starts with the surface left by the previous one, or a state after a cut has an uncut surface,
+// which wakes the body.
 void expect_cuts_run_again(const std::string& name, const std::string& model) {
     std::string text = kCutTwice;
     text.replace(text.find("MODEL"), 5, model);
@@ -398,7 +402,7 @@ TEST(Capture, APassWithACutRunsAgainAsItWas) {
     expect_cuts_run_again("solid", "model = \"solid\"\ncells = 6");
 }
 
-// Whatever moment the writer is stopped at: every record before it is there.
+// Wherever the writer is interrupted, every complete record before that point can be read.
 TEST(Capture, ACaptureCutShortAnywhereKeepsItsCompleteRecords) {
     const fs::path folder = captured_run("cut", "0-12", 14);
     const std::string whole = read_file_bytes(folder / "passes_0-12.cap");
@@ -436,8 +440,8 @@ TEST(Capture, FlippedBytesAreSeen) {
     }
 }
 
-// A capture with right checksums and wrong contents ends in a message or in a step, not in a crash (run under the
-// sanitizers too). Breaks when find_fault misses an index.
+// A capture with valid checksums and invalid contents ends in an error message or in a step, not in a crash
+// (also run under the sanitizers). Breaks when find_fault misses an index.
 TEST(Capture, HostileArraysAreRefusedOrHarmless) {
     const fs::path folder = captured_run("hostile", "12-14", 16);
     const CaptureFile good = read_capture(folder / "passes_12-14.cap");
@@ -497,7 +501,7 @@ TEST(Capture, RangesMayOverlap) {
     }
 }
 
-// The numbers of a data array of a .vtp; none when it is not there.
+// The numbers of a data array in a .vtp; empty if it is missing.
 std::vector<double> vtp_array(const fs::path& file, const std::string& name) {
     const std::string text = read_text_file(file);
     const size_t at = text.find("Name=\"" + name + "\"");
@@ -507,14 +511,14 @@ std::vector<double> vtp_array(const fs::path& file, const std::string& name) {
     return {std::istream_iterator<double>(numbers), {}};
 }
 
-// All bodies in one file a pass hold, one after the other, what each has in a file of its own. Breaks when the rows or triangles of
-// a body are shifted, or contacts are marked on another body.
+// The single file per pass contains, in order, what the separate files of all bodies contain. Breaks when the
+// rows or triangles of a body are shifted, or contacts are marked on the wrong body.
 TEST(Capture, ParaViewGetsAllBodiesOfAPassInOneFile) {
     const fs::path folder = captured_run("vtp", "1-60", 61);
     ThreadPool pool(2);
     const Capture capture = open_capture(folder / "passes_1-60.cap");
     pool.run([&] { export_vtp(capture, folder / "all", false), export_vtp(capture, folder / "each", true); });
-    uint64_t deep = 0;  // a pass with a depth to be told
+    uint64_t deep = 0;  // a pass with an overlap
     for (const Capture::Stretch& stretch : capture.stretches)
         for (const CaptureStep& step : stretch.steps)
             if (step.depth > 0) deep = step.pass;
@@ -558,8 +562,9 @@ TEST(Capture, ParaViewFilesSayOfWhichMomentTheirFieldsAre) {
         std::string::npos);
 }
 
-// A slab is taken out of a solid ball that hangs by its lower half; what was above it drifts away. Springs across the gap are gone:
-// nothing says how long they would be. Breaks when strains come from the springs at load: 34 at the end.
+// A slab is removed from a solid ball fixed at its lower half, and the part above drifts away. The springs
+// across the gap are gone and have no strain. Breaks when strain uses the springs present at load: 34 at the
+// end.
 TEST(Capture, StrainIsOfTheSpringsThatAreLeft) {
     const WrittenScene scene(
         "strain",
@@ -582,7 +587,7 @@ TEST(Capture, StrainIsOfTheSpringsThatAreLeft) {
     EXPECT_LT(most, 3 * before);
 }
 
-// Stopped by SIGKILL while it writes: what was written before can be replayed.
+// Killed by SIGKILL while writing: everything written before can be replayed.
 TEST(Capture, AKilledRunLeavesAReadableCapture) {
     const fs::path folder = scratch_folder("killed");
     std::mt19937 random(4);
@@ -625,7 +630,7 @@ TEST(CaptureCommand, RunCaptureReplayInfoDiff) {
     EXPECT_NE(told.out.find(" candidate vertices, cell "), std::string::npos) << told.out;
     EXPECT_EQ(run_program("replay out/captures/worst.cap", folder, folder).code, 0);
     EXPECT_EQ(run_program("capture diff out/captures/worst.cap out/captures/passes_2-9.cap", folder, folder).code, 0);
-    // what is cut short is compared as far as it goes, and never taken for whole
+    // a truncated capture is compared as far as it goes, and never reported as complete
     fs::copy_file(folder / "out/captures/passes_2-9.cap", folder / "cut.cap");
     fs::resize_file(folder / "cut.cap", fs::file_size(folder / "cut.cap") - 100);
     for (const char* command :
@@ -635,12 +640,12 @@ TEST(CaptureCommand, RunCaptureReplayInfoDiff) {
         EXPECT_NE(cut.err.find("cut.cap is not whole"), std::string::npos) << cut.err;
     }
     EXPECT_EQ(run_program("capture export out/captures/worst.cap --csv same --trace same", folder, folder).code, 2);
-    // a run leaves nothing of an earlier one to be taken for its own, and says what it could not catch
+    // a run removes the captures of an earlier one and reports which passes it could not capture
     const Outcome later = run_program(run + "900-901 --out out", folder, folder);
     EXPECT_EQ(later.code, 0);
     EXPECT_NE(later.err.find("900-901: the run ended before pass"), std::string::npos) << later.err;
     EXPECT_TRUE(fs::is_empty(folder / "out/captures"));
-    // what others put there stays, and a scene that cannot be built costs nothing
+    // foreign files stay, and a scene that cannot be built deletes nothing
     fs::create_directories(folder / "out/frames");
     for (const char* own : {"out/meshes/mine.obj", "out/frames/photo.png"}) std::ofstream(folder / own) << "mine";
     std::ofstream(folder / "bad.toml") << "[[body]]\nname = \"a\"\nfile = \"nope.obj\"\n";
@@ -657,7 +662,7 @@ TEST(CaptureCommand, RunCaptureReplayInfoDiff) {
     EXPECT_NE(none.err.find("is not a capture"), std::string::npos) << none.err;
 }
 
-// Breaks when a limit is left out of what captures keep: the run replayed from one would go otherwise.
+// Breaks when captures omit a device limit: a replay would differ.
 TEST(Capture, KeepsAllLimitsOfADevice) {
     constexpr size_t kNumbers = sizeof(DeviceLimits) / sizeof(double);
     std::array<double, kNumbers> number;

@@ -9,14 +9,14 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "content/build_scene.hpp"
-#include "engine/error.hpp"
-#include "engine/state_hash.hpp"
-#include "engine/thread_pool.hpp"
-#include "systems/frame.hpp"
+#include "content/scene/build_scene.hpp"
+#include "engine/base/error.hpp"
+#include "engine/files/state_hash.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "systems/frame/frame.hpp"
 #include "tests/app/run_program.hpp"
 
-// What must be survived, and the test that puts it in. Those without a file stand below.
+// Faults that must be survived, and the tests that inject them. Tests without a file are below.
 //   corrupted model file         CommandLine.MeshCutInHalf..., Mutants (tests/content), ninja trocar_mutate
 //   missing, unreadable, folder  CommandLine.MissingFilesAreNamed, FaultMatrix.DanglingLinksFoldersAndSceneFilesThatAreNone
 //   out of disk in capture       FaultMatrix.AFullDiskEndsTheCaptureNotTheRun
@@ -76,7 +76,8 @@ TEST(FaultMatrix, AFullDiskEndsTheCaptureNotTheRun) {
     EXPECT_EQ(earlier.code, 0) << "what was written before can be replayed: " << earlier.err << earlier.out;
 }
 
-// Address space from far too little up to enough: never a signal, never a half-written result, one line of reason.
+// Address space limits from far too small to sufficient: never a signal, never a partial result, always a
+// one-line reason.
 TEST(FaultMatrix, RefusedMemoryIsOneLineNeverACrash) {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
     GTEST_SKIP() << "the sanitizer reserves terabytes";
@@ -104,8 +105,9 @@ TEST(FaultMatrix, RefusedMemoryIsOneLineNeverACrash) {
     EXPECT_GT(refused, 3) << "nearly nothing was tested";
 }
 
-// Address space in which stacks of worker threads do not fit, or nothing beside them: fewer threads and a line that says so,
-// or one line of reason. Without asking for them beforehand the scheduler ends the program with SIGABRT.
+// Address space in which the stacks of worker threads do not fit, or leave no room for anything else: fewer
+// threads with a one-line warning, or a one-line error. Without allocating the stacks beforehand, the
+// scheduler ends the program with SIGABRT.
 TEST(FaultMatrix, RefusedThreadsAreAWarningNeverACrash) {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
     GTEST_SKIP() << "the sanitizer reserves terabytes";
@@ -127,8 +129,8 @@ TEST(FaultMatrix, RefusedThreadsAreAWarningNeverACrash) {
         EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), says) << mib << text;
         ++(says ? warned : served);
     };
-    for (int mib = 80; mib < 120; mib += 2) limited(4, mib);
-    for (int mib = 120; mib < 460; mib += 40) limited(64, mib);
+    for (int mib = 80; mib < 480; mib += 20) limited(4, mib);
+    for (int mib = 120; mib < 1080; mib += 80) limited(64, mib);
     EXPECT_GT(served, 3);
     EXPECT_GT(warned, 3) << "no thread was refused: nothing was tested";
 }
@@ -149,7 +151,8 @@ TEST(FaultMatrix, SixtyFourThreadsOnFewCoresGiveTheSameState) {
     EXPECT_EQ(hash[0], hash[1]);
 }
 
-// One node of one body becomes NaN: counted, back in the same pass, and bodies that do not touch it go on to the bit.
+// One node of one body becomes NaN: it is counted and restored in the same pass, and bodies not in contact
+// with it are unaffected, bit for bit.
 TEST(FaultMatrix, ANodeThatIsNoNumberIsBackInOnePassAndOthersDoNotNotice) {
     std::vector<Float4> others[2];
     for (const int poke : {0, 1}) {
@@ -177,8 +180,8 @@ TEST(FaultMatrix, ANodeThatIsNoNumberIsBackInOnePassAndOthersDoNotNotice) {
     EXPECT_EQ(0, std::memcmp(others[0].data(), others[1].data(), others[0].size() * sizeof(Float4)));
 }
 
-// Every key of every scene that comes with the program, set to what it cannot be: the error names the key; values that
-// are odd but allowed load. Nothing else may happen.
+// Sets every key of every built-in scene to invalid values: either the error names the key, or the value is
+// unusual but allowed and loads.
 TEST(FaultMatrix, EveryWrongValueOfEveryKeyIsNamed) {
     const char* wrong[] = {"\"word\"", "-1e308", "1e400", "nan", "[1, 2]", "{ a = 1 }", "true", "[[]]", "1979-05-27", "\"$none\""};
     uint64_t refused = 0, read = 0;
@@ -221,8 +224,7 @@ TEST(FaultMatrix, EveryWrongValueOfEveryKeyIsNamed) {
                             "liver.color",
                             "liver.tissue.youngs_modulus",
                             "liver.tissue.poisson",
-                            "liver.fixed_below",
-                            "liver.lod.beyond"})
+                            "liver.fixed_below"})
         attempt(scenes / "kidney_on_liver.toml", key);
     for (const char* key : {"drop.scatter.count", "drop.scatter.columns", "drop.scatter.spacing", "drop.scatter.jitter",
                             "drop.scatter.turned", "drop.scatter.rate", "drop.scatter.life"})

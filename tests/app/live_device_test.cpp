@@ -13,13 +13,13 @@
 #include <sstream>
 #include <thread>
 
-#include "engine/device.hpp"
-#include "engine/error.hpp"
-#include "systems/app/live_haptics.hpp"
+#include "engine/base/error.hpp"
+#include "engine/devices/device.hpp"
+#include "systems/haptics/live_haptics.hpp"
 #include "tests/app/run_program.hpp"
 #include "tests/reference/local_patches.hpp"
 
-// Devices with threads of their own beside the haptic thread, and the commands that use them.
+// Devices with threads of their own in addition to the haptic thread, and the commands that use them.
 namespace trocar {
 namespace {
 namespace fs = std::filesystem;
@@ -27,8 +27,8 @@ namespace fs = std::filesystem;
 struct Recording {
     std::vector<LiveTick> tick;
     std::atomic<size_t> count = 0;
-    std::atomic<size_t> pressed = 0;  // ticks with a force of 0.2 N and more
-    std::atomic<size_t> old = 0;      // ticks on a sample of a quarter of a second ago or more
+    std::atomic<size_t> pressed = 0;  // ticks with a force of at least 0.2 N
+    std::atomic<size_t> old = 0;      // ticks on a sample at least a quarter of a second old
     static void record(void* user, const LiveTick& tick) {
         Recording& r = *static_cast<Recording*>(user);
         if (tick.force.norm() > 0.2) ++r.pressed;
@@ -37,14 +37,14 @@ struct Recording {
     }
 };
 
-// What a test tells the device's thread.
+// Commands of a test to the device's thread.
 struct Hand {
     std::atomic<bool> down = false, unplugged = false;
     std::atomic<double> felt{-1};
 };
 
-// A device that reports every millisecond: once `down`, it goes to 2 mm above the plane's middle, where a tip of 3 mm is
-// pressed 1 mm, and stays; once `unplugged` it says nothing any more.
+// A device that reports every millisecond. Once `down`, it moves to 2 mm above the centre of the plane, where
+// a tip of 3 mm is pressed in by 1 mm, and stays there; once `unplugged` it sends nothing.
 DeviceLink::Loop pressing_device(Hand& hand) {
     return [&hand](DeviceChannel& link) {
         const int64_t start = monotonic_ns();
@@ -63,8 +63,8 @@ DeviceLink::Loop pressing_device(Hand& hand) {
     };
 }
 
-// T15 on the running thread: whatever the timing of this machine, no tick gives force on a sample older than the watchdog
-// allows (here 100 ms and 5 ms to fall), and the device's thread is told nothing but zero in the end.
+// Regardless of this machine's timing, no tick produces a force from a sample older than the watchdog allows
+// (here 100 ms plus a 5 ms ramp), and the last command to the device's thread is zero.
 TEST(LiveDevice, T15_AnUnpluggedDeviceIsLetGo) {
     Recording recording;
     recording.tick.resize(40'000);
@@ -75,19 +75,19 @@ TEST(LiveDevice, T15_AnUnpluggedDeviceIsLetGo) {
     tool.link = &link;
     HapticParams params;
     params.model_timeout = 1e9;
-    params.device_timeout = 0.1;  // far longer than a loaded machine holds the device's thread up: in time it presses
+    params.device_timeout = 0.1;  // far longer than the machine's load delays the device's thread
     LiveHaptics live(params, std::span(&tool, 1), {&Recording::record, &recording});
     live.model_to_fill(0) = reference::make_patch(reference::make_plane());
     live.publish_model(0);
     PeriodicOptions options;
     options.real_time = false;
     live.start(options, monotonic_ns());
-    // a tip that is down before the first tick would begin inside and be let out softly
+    // a tip that is down before the first tick would start inside the surface and be released softly
     for (int k = 0; k < 15'000 && recording.count == 0; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
     hand.down = true;
     for (int k = 0; k < 15'000 && recording.pressed < 50; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
     hand.unplugged = true;
-    const size_t old = recording.old;  // a device held up by the machine's load may have aged before
+    const size_t old = recording.old;  // the machine's load may have aged samples already
     for (int k = 0; k < 15'000 && recording.old < old + 50; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
     for (int k = 0; k < 10'000 && hand.felt != 0; ++k) sleep_until_ns(monotonic_ns() + 1'000'000);
     live.stop();
@@ -96,7 +96,7 @@ TEST(LiveDevice, T15_AnUnpluggedDeviceIsLetGo) {
     for (size_t k = 0; k < recording.count; ++k) {
         const LiveTick& t = recording.tick[k];
         const double age = t.time - t.sample.time;
-        // (a missed tick leaves its share of the fall to the next one)
+        // (a missed tick leaves its part of the ramp to the next one)
         const double step = k > 0 ? t.time - recording.tick[k - 1].time : 0;
         if (age <= params.device_timeout + params.fall_time + std::max(step, 1e-3)) continue;
         ++stale;
@@ -108,7 +108,7 @@ TEST(LiveDevice, T15_AnUnpluggedDeviceIsLetGo) {
     EXPECT_EQ(hand.felt, 0);
 }
 
-// The tick stops while the hand presses: the device's own thread lets go by itself.
+// Ticks stop while the hand presses: the device's own thread sets the force to zero.
 TEST(LiveDevice, AStoppedTickLetsTheDeviceGo) {
     Hand hand;
     DeviceLink link("test", pressing_device(hand));
@@ -122,7 +122,7 @@ TEST(LiveDevice, AStoppedTickLetsTheDeviceGo) {
     EXPECT_EQ(hand.felt, 0);
 }
 
-// A tool whose device has said nothing yet neither ticks nor records.
+// A tool whose device has sent no sample neither ticks nor records.
 TEST(LiveDevice, ASilentDeviceDoesNotTick) {
     Recording recording;
     recording.tick.resize(1000);
@@ -152,7 +152,7 @@ sockaddr_in loopback(uint16_t port) {
     return address;
 }
 
-// A port of loopback that nobody has.
+// An unused UDP port on the loopback interface.
 uint16_t free_udp_port() {
     const int fd = ::socket(AF_INET, SOCK_DGRAM, 0);
     sockaddr_in address = loopback(0);
@@ -189,7 +189,7 @@ TEST_F(DeviceCommands, ListNamesEveryKind) {
     EXPECT_NE(run("device --help").out.find("trocar device test udp:7731"), std::string::npos);
 }
 
-// What is recorded plays again to the same numbers, as a device and as a file.
+// A recording plays back to the same numbers, both as a device and as a file.
 TEST_F(DeviceCommands, RecordTestAndPlayAgain) {
     const fs::path file = folder / "hand.csv";
     const Outcome record = run("device record hand --seconds 0.2 --out " + file.string());
@@ -206,7 +206,7 @@ TEST_F(DeviceCommands, RecordTestAndPlayAgain) {
 
 TEST_F(DeviceCommands, SilenceIsNoAndNonsenseIsAnError) {
     const Outcome silent = run("device record haply:127.0.0.1:9 --seconds 0.05 --out " + (folder / "none.csv").string());
-    EXPECT_TRUE(silent.code == 1 || silent.code == 2) << silent.code;  // 2 where it was built without the library
+    EXPECT_TRUE(silent.code == 1 || silent.code == 2) << silent.code;  // 2 if built without the library
     EXPECT_FALSE(fs::exists(folder / "none.csv"));
     EXPECT_EQ(run("device test gloves").code, 2);
     EXPECT_EQ(run("device test").code, 2);
@@ -217,7 +217,7 @@ TEST_F(DeviceCommands, SilenceIsNoAndNonsenseIsAnError) {
     EXPECT_EQ(run("run probe_on_liver --device probe=hand").code, 2);  // without --live
 }
 
-// A live run whose tool a device holds is repeated from its recording, without the device, to the same bits.
+// A live run whose tool is held by a device is repeated from its recording, without the device, bit for bit.
 TEST_F(DeviceCommands, ALiveRunWithADeviceReplaysToTheSameBits) {
     const std::string scene =
         "run probe_on_liver --no-render --set liver.triangles=300 --set probe.triangles=300 "
@@ -229,7 +229,8 @@ TEST_F(DeviceCommands, ALiveRunWithADeviceReplaysToTheSameBits) {
     EXPECT_NE(again.out.find("the same to the bit"), std::string::npos) << again.out;
 }
 
-// A device that was asked for and gave nothing to use is an error, however well the run went; what it sent is told by kind.
+// A requested device that delivers no usable sample is an error, even if the run succeeded otherwise; the
+// packets it sent are counted by kind.
 TEST_F(DeviceCommands, ALiveRunWhoseDeviceGivesNothingFails) {
     const std::string scene = "run probe_on_liver --live --no-render --seconds 0.3 --set liver.triangles=300 --set probe.triangles=300 ";
     const uint16_t port = free_udp_port();
@@ -264,7 +265,7 @@ TEST_F(DeviceCommands, ALiveRunWhoseDeviceGivesNothingFails) {
     EXPECT_EQ(nlohmann::json::parse(heard.out)["haptics"]["tools"][0]["device_heard"], true);
 }
 
-// What a plug-in says of itself reaches the terminal as one line without control characters.
+// A message from a plug-in is printed as one line without control characters.
 TEST_F(DeviceCommands, WhatAPlugInSaysIsOneLine) {
     std::ofstream(folder / "loud.c") << "#include \"trocar_device.h\"\n#include <stdio.h>\n"
                                         "static void* open(const char* o, char* error, size_t size) {\n"
@@ -285,7 +286,7 @@ TEST_F(DeviceCommands, WhatAPlugInSaysIsOneLine) {
 
 // ---- scenes ----
 
-// Each wrong table is refused with its place and the reason.
+// Each invalid table is rejected with its position and a reason.
 TEST_F(DeviceCommands, WrongTablesOfAToolAreRefusedWithTheirPlace) {
     const struct {
         std::string key, reason;

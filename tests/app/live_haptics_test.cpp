@@ -1,4 +1,4 @@
-#include "systems/app/live_haptics.hpp"
+#include "systems/haptics/live_haptics.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,12 +7,13 @@
 #include <atomic>
 #include <cmath>
 
-#include "systems/haptic_tool.hpp"
+#include "systems/haptics/tool.hpp"
 #include "tests/reference/local_patches.hpp"
 namespace trocar {
 namespace {
 
-// Fixed room for what the haptic thread consumed; filled on it, read after it ended (but its count).
+// Preallocated memory for the inputs of the haptic thread, which fills it; read (except the count) after the
+// thread has ended.
 struct Recording {
     std::vector<LiveTick> tick;
     std::atomic<size_t> count = 0;
@@ -38,9 +39,9 @@ LocalContactModel rising_plane(uint64_t sequence, double time) {
     return model;
 }
 
-// A run with two tools beside a thread that publishes surfaces: ticks come, states come back, and what was recorded
-// gives the same forces bit for bit when it is ticked again without threads. A tick that read anything but its mailbox
-// values, or a torn one, breaks it.
+// Two tools tick while another thread publishes surfaces: ticks arrive, states come back, and ticking the
+// recorded inputs again without threads gives bit-identical forces. Breaks when a tick reads anything but its
+// mailbox values, or a torn value.
 TEST(LiveHaptics, RecordedValuesReplayToTheSameForces) {
     const HapticParams params;
     const std::vector<Keyframe> path = {{0.0, {0, 0, 0.01}, {}, 0}, {0.1, {0, 0, 0.001}, {}, 0}, {0.3, {0.01, 0, 0.0}, {}, 0}};
@@ -75,7 +76,7 @@ TEST(LiveHaptics, RecordedValuesReplayToTheSameForces) {
     live.stop();
     live.take_states(haptics);
     EXPECT_TRUE(taken);
-    EXPECT_EQ(haptics.state[0].contact_impulse, Vec3d(1, 2, 3));  // the simulation's own
+    EXPECT_EQ(haptics.state[0].contact_impulse, Vec3d(1, 2, 3));  // kept from the simulation
     EXPECT_GT(haptics.state[0].command.force.z(), 0.5);
     EXPECT_GT(haptics.ticks, 100u);
     EXPECT_EQ(haptics.ticks, recording.count);
@@ -99,8 +100,8 @@ TEST(LiveHaptics, RecordedValuesReplayToTheSameForces) {
     EXPECT_EQ(state[0].proxy, haptics.state[0].proxy);
 }
 
-// Both tools get their surfaces at the same time: each takes its own in another tick than the other, and neither misses one that
-// waits for four ticks. Breaks when a tick takes all that wait.
+// Both tools get new surfaces at the same time: they take them in different ticks, and neither misses one
+// that waits for four ticks. Breaks when a tick takes all waiting surfaces.
 TEST(LiveHaptics, OneToolATickTakesANewSurface) {
     const std::vector<HandTool> tools(2, plain_tool());
     std::vector<Device> devices(2);
@@ -122,7 +123,7 @@ TEST(LiveHaptics, OneToolATickTakesANewSurface) {
         for (const size_t enough = recording.count + 8; recording.count < enough;) sleep_until_ns(monotonic_ns() + 1'000'000);
     }
     live.stop();
-    std::array<std::vector<uint64_t>, 2> taken_at;  // ticks, by tool
+    std::array<std::vector<uint64_t>, 2> taken_at;  // ticks, per tool
     std::array<uint64_t, 2> sequence{};
     for (size_t k = 0; k < recording.count; ++k) {
         const LiveTick& t = recording.tick[k];
@@ -134,7 +135,8 @@ TEST(LiveHaptics, OneToolATickTakesANewSurface) {
     for (const uint64_t tick : taken_at[0]) EXPECT_EQ(std::count(taken_at[1].begin(), taken_at[1].end(), tick), 0) << tick;
 }
 
-// What links pull on a tool is found by the simulation: a tick's state must not wipe it out before it is published.
+// The simulation computes the link forces on a tool: the state from a tick must not overwrite them before
+// they are published.
 TEST(LiveHaptics, TheSimulationsOwnForcesStay) {
     ToolState newest, state;
     newest.ticks = 7;
@@ -146,8 +148,8 @@ TEST(LiveHaptics, TheSimulationsOwnForcesStay) {
     EXPECT_EQ(state.contact_impulse, Vec3d(7, 8, 9));
 }
 
-// A simulation that fell behind by more than the watchdog allows gives models of their true age; breaks when the
-// slip is not added to the models' time.
+// A simulation that fell behind by more than the watchdog allows publishes models with their true age. Breaks
+// when the slip is not added to the models' time.
 TEST(LiveHaptics, ModelsOfALateSimulationAreFresh) {
     const std::vector<Keyframe> path = {{0.0, {0, 0, 0.01}, {}, 0}, {0.05, {0, 0, 0.001}, {}, 0}};
     const std::vector<HandTool> tools(1, plain_tool());
@@ -175,8 +177,8 @@ TEST(LiveHaptics, ModelsOfALateSimulationAreFresh) {
     EXPECT_LT(live.figures().contact_age.percentile(0.5), 400'000'000);
 }
 
-// Watchdog: the simulation stops publishing while the hand presses; 20 ms of simulated time after the surface is too old there is no
-// force. That is 0.1 s where the tool says nothing.
+// Watchdog: the simulation stops publishing while the hand presses. 20 ms of simulated time after the surface
+// becomes too old there is no force. The limit is 0.1 s unless the tool sets one.
 class StalledSimulation : public testing::TestWithParam<double> {};
 INSTANTIATE_TEST_SUITE_P(LiveHaptics, StalledSimulation, testing::Values(0.0, 0.06));
 TEST_P(StalledSimulation, LetsTheForceGo) {
@@ -199,9 +201,9 @@ TEST_P(StalledSimulation, LetsTheForceGo) {
     live.stop();
     bool pressed = false;
     for (size_t k = 0; k < recording.count; ++k) {
-        const double age = static_cast<double>(recording.tick[k].tick) * 1e-3;  // the model is of time 0
+        const double age = static_cast<double>(recording.tick[k].tick) * 1e-3;  // the model has time 0
         pressed = pressed || recording.tick[k].force.norm() > 0.5;
-        // (a missed tick leaves its share of the ramp to the next one)
+        // (a missed tick leaves its part of the ramp to the next one)
         if (age > oldest + 0.02) {
             EXPECT_EQ(recording.tick[k].force.norm(), 0) << age;
         }

@@ -1,12 +1,12 @@
-#include "systems/app/live_replay.hpp"
+#include "systems/app/run/live_replay.hpp"
 
 #include <gtest/gtest.h>
 
 #include <fstream>
 
-#include "engine/error.hpp"
-#include "engine/thread_pool.hpp"
-#include "systems/app/live_run.hpp"
+#include "engine/base/error.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "systems/app/run/live_run.hpp"
 #include "tests/app/quick_scene.hpp"
 namespace trocar {
 namespace {
@@ -28,7 +28,7 @@ void with_frame(uint32_t threads, const Work& work) {
     });
 }
 
-// What a replay says about a recording.
+// The message of a replay of this recording.
 std::string replay_live(const LiveRecording& recording, uint32_t threads = 2) {
     std::string difference;
     with_frame(threads, [&](Frame& frame) {
@@ -62,7 +62,7 @@ void expect_error(const LiveRecording& recording, const std::string& text) {
     }
 }
 
-// Three passes of the quick scene and five ticks far from everything.
+// Three passes of the quick scene and five ticks far from every body.
 LiveRecording made_up_recording() {
     LiveRecording r;
     with_frame(1, [&](Frame& frame) { r.start_hash = scene_hash(frame.world()); });
@@ -84,15 +84,16 @@ LiveRecording made_up_recording() {
     return r;
 }
 
-// A pass that is a little late is caught up with, so that a run keeps to the clock; a long stall is not hurried after.
+// A slightly late pass is caught up with, so that a run follows the clock; a long stall is not.
 TEST(LiveRun, CatchesUpWithLessThanAPass) {
     EXPECT_EQ(time_let_go(-5, 100), 0);
     EXPECT_EQ(time_let_go(100, 100), 0);
     EXPECT_EQ(time_let_go(101, 100), 101);
 }
 
-// A pass simulates what is still to come: at its end a tool is where the hand is then, though the hand was seen at the pass's
-// start; a pass behind it would be v / 60 s away. One that stops is overshot, but never by more than two millimetres.
+// A pass simulates the coming period: at its end the tool is where the hand is at that time, although the
+// hand was sampled at the pass's start. Without extrapolation the tool would be v / 60 s behind. When the
+// hand stops, the tool overshoots, but by at most two millimetres.
 TEST(LiveRun, ToolsKeepUpWithTheHand) {
     with_frame(1, [](Frame& frame) {
         World& w = frame.world();
@@ -105,7 +106,7 @@ TEST(LiveRun, ToolsKeepUpWithTheHand) {
             const auto step = [&](const Vec3d& position, const Vec3d& moves) {
                 w.haptics.state[0].device.position = position;
                 w.haptics.state[0].motion = {moves, moves};
-                w.haptics.state[0].device.velocity = moves + Vec3d(0, 0.3, 0);  // one sample's word moves nothing
+                w.haptics.state[0].device.velocity = moves + Vec3d(0, 0.3, 0);  // a velocity reported by a single sample has no effect
                 frame.step();
                 return Vec3d(w.poses.origin[body] + rotate(w.poses.orientation[body], w.haptics.tool[0].tip));
             };
@@ -125,15 +126,16 @@ TEST(LiveRun, ToolsKeepUpWithTheHand) {
     });
 }
 
-// A run against the real clock, with haptics on their thread, comes out again to the bit from what it recorded, through
-// a file and with another number of threads. A value that reached the run on a way that is not recorded breaks it.
+// A run against the real clock with haptics on their own thread is reproduced bit for bit from its recording,
+// through a file and with a different number of threads. Breaks when a value reaches the run by a path that
+// is not recorded.
 TEST(LiveReplay, ALiveRunComesOutTheSame) {
     LiveRecording recording;
     RunFigures figures;
     uint64_t hash = 0;
     with_frame(1, [&](Frame& frame) {
         for (const std::string& name : frame.stage_names()) figures.stage.push_back({name, {}});
-        ASSERT_TRUE(run_live({}, 0.5, frame, nullptr, &recording, nullptr, figures));
+        ASSERT_TRUE(run_live({{}, 0.5, frame, nullptr, nullptr, figures}, &recording));
         hash = state_hash(frame.world());
         EXPECT_GT(frame.world().report.contact_events, 0u);
     });
@@ -148,7 +150,7 @@ TEST(LiveReplay, ALiveRunComesOutTheSame) {
     fs::remove(file);
     for (const uint32_t threads : {1u, 3u}) EXPECT_EQ(replay_live(again, threads), "");
 
-    // and it would tell: a hand that was a nanometre elsewhere, a force that was a bit more
+    // and the replay detects changes: a hand displaced by a nanometre, a force changed in its last bit
     LiveRecording changed = again;
     size_t felt = 0;
     while (changed.tick[felt].force.norm() == 0) ++felt;
@@ -160,17 +162,17 @@ TEST(LiveReplay, ALiveRunComesOutTheSame) {
     EXPECT_NE(replay_live(changed).find("1 haptic ticks gave another force"), std::string::npos);
 }
 
-// Pictures that can no longer be written end a live run at once and with the reason, though another thread draws them.
-// A full disk ends the pictures, not the session, and is told.
+// When pictures cannot be written, drawing ends at once with a reason, although another thread draws them. A
+// full disk ends the pictures, not the session, and is reported.
 TEST(LiveReplay, PicturesThatCannotBeWrittenEndThePicturesWithAReason) {
     const fs::path out = scratch_file("no_pictures");
     with_frame(1, [&](Frame& frame) {
         const World& w = frame.world();
-        PictureWriter pictures(PictureParams{}, Camera{}, w.meshes, out, false);
+        PictureWriter pictures(PictureParams{}, Camera{}, w.meshes, out);
         fs::remove_all(out / "frames");
         RunFigures figures;
         for (const std::string& name : frame.stage_names()) figures.stage.push_back({name, {}});
-        run_live({}, 0.5, frame, &pictures, nullptr, nullptr, figures);
+        run_live({{}, 0.5, frame, &pictures, nullptr, figures}, nullptr);
         EXPECT_NE(figures.write_failure.find("frames/000000.png"), std::string::npos) << figures.write_failure;
         EXPECT_GE(w.clock.tick, 500u);
         EXPECT_EQ(figures.pass.size(), 30u);
@@ -233,21 +235,21 @@ TEST(LiveReplay, BadFilesAreRefusedWithAReason) {
 
 TEST(LiveReplay, AnotherSceneAndContradictionsAreRefused) {
     const LiveRecording good = made_up_recording();
-    EXPECT_NE(replay_live(good).find("recorded 0000000000000001"), std::string::npos);  // its hash is made up; all else fits
+    EXPECT_NE(replay_live(good).find("recorded 0000000000000001"), std::string::npos);  // its hash is invented; everything else matches
     LiveRecording bad = good;
     bad.start_hash ^= 1;
     expect_error(bad, "another scene");
     bad = good;
-    bad.taken[2] = 6;  // five ticks are there
+    bad.taken[2] = 6;  // there are only five ticks
     expect_error(bad, "a tick that is not there");
     bad = good;
-    bad.taken[2] = 1;  // two were taken before
+    bad.taken[2] = 1;  // two had been taken already
     expect_error(bad, "a tick that is not there");
     bad = good;
-    bad.tick[4].model_sequence = 3;  // pass 2 has made the second
+    bad.tick[4].model_sequence = 3;  // the second model is published only in pass 2
     expect_error(bad, "tick 4 felt a surface");
     bad = good;
-    bad.tick[4].model_sequence = 0;  // the tick before had a newer one
+    bad.tick[4].model_sequence = 0;  // the previous tick used a newer model
     expect_error(bad, "tick 4 felt a surface");
 }
 

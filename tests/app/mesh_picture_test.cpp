@@ -1,4 +1,4 @@
-#include "systems/app/mesh_picture.hpp"
+#include "systems/app/pictures/mesh_picture.hpp"
 
 #include <gtest/gtest.h>
 
@@ -6,13 +6,13 @@
 #include <cmath>
 #include <limits>
 
-#include "content/shape_library.hpp"
-#include "engine/error.hpp"
+#include "content/shapes/shape_library.hpp"
+#include "engine/base/error.hpp"
 #include "reference/picture_scene.hpp"
 namespace trocar {
 namespace {
 
-// Pixels of a tile that are strongly red, as columns and rows.
+// Extent of the strongly red pixels in a tile, in columns and rows.
 struct Extent {
     uint32_t left = kNone, right = 0, top = kNone, bottom = 0, count = 0;
 };
@@ -53,7 +53,7 @@ TEST(MeshPicture, ASheetIsFittedAndLitFromBothSidesInAnyUnitAtAnyPlace) {
     }
 }
 
-// fails when the end of a number is cut off at the edge of a small tile
+// Fails when a number is cut off at the edge of a small tile.
 TEST(MeshPicture, LeavesOutSizesThatDoNotFit) {
     const Mesh block = make_shape("box", 48);
     const MeshTile tile{0, 0, 0, ""};
@@ -67,7 +67,7 @@ TEST(MeshPicture, LeavesOutSizesThatDoNotFit) {
 }
 
 TEST(MeshPicture, TilesFillTheGridAndViewsShowTheirSide) {
-    // 1 x 2 x 3: its three faces have their own proportions
+    // 1 x 2 x 3: its three faces have different proportions
     Mesh block = make_shape("box", 48);
     for (Vec3d& p : block.position) p = p.cwiseProduct(Vec3d(1, 2, 3));
     block.material[0].diffuse = {0.9f, 0.02f, 0.02f};
@@ -115,7 +115,7 @@ TEST(MeshPicture, WireframeDarkensEdgesOfOpaqueAndTranslucentMeshes) {
 }
 
 TEST(MeshPicture, TilesAreAsLargeAsTheyCanBe) {
-    // three tiles of a wide picture lie side by side: all red then, in thirds
+    // three tiles of a wide picture are side by side: all red, in thirds
     Mesh square = reference::make_square(1, {0.9f, 0.02f, 0.02f});
     MeshPictureParams params;
     params.width = 300, params.height = 60;

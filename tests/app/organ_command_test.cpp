@@ -8,10 +8,10 @@
 #include <sstream>
 #include <string>
 
-#include "engine/child_process.hpp"
+#include "engine/files/child_process.hpp"
 #include "tests/app/run_program.hpp"
 
-// trocar organ as its users meet it.
+// trocar organ from the user's point of view.
 namespace {
 namespace fs = std::filesystem;
 using trocar::Outcome;
@@ -101,7 +101,7 @@ TEST_F(OrganCommand, WhatIsMissingIsTaught) {
     EXPECT_EQ(run("balls.mha a.obj --label 8 --tets 1e-5").code, 2);
 }
 
-// Both balls are above 2: the larger piece stays, the drop is said; all pieces on demand.
+// Both balls are above 2: the larger piece is kept and the dropped one reported; all pieces on request.
 TEST_F(OrganCommand, AThresholdKeepsTheLargestPieceAndSaysWhatWent) {
     const Outcome one = run("balls.mha a.obj --threshold 2 --json");
     ASSERT_EQ(one.code, 0) << one.err;

@@ -1,10 +1,10 @@
 #pragma once
-#include "content/build_scene.hpp"
-#include "content/scene_file.hpp"
+#include "content/scene/build_scene.hpp"
+#include "content/scene/scene_file.hpp"
 #include "tests/reference/paths.hpp"
 namespace trocar {
 
-// The probe scene with balls, which are made in no time, and a hand four times as quick: it touches after 0.15 s.
+// The probe scene with balls, which are cheap to build, and a hand four times as fast: contact after 0.15 s.
 inline World quick_scene() {
     const std::vector<Override> balls = {{"liver.shape", "\"sphere\""}, {"liver.size", "0.12"},  {"liver.triangles", "600"},
                                          {"probe.shape", "\"sphere\""}, {"probe.size", "0.014"}, {"probe.triangles", "100"}};

@@ -10,10 +10,10 @@
 #include <fstream>
 #include <string>
 
-#include "content/load_mesh.hpp"
+#include "content/read/load_mesh.hpp"
 #include "reference/paths.hpp"
 
-// The program as it reads: files made to break readers within limits, and progress on a terminal.
+// The program as a reader: hostile files within limits, and progress on a terminal.
 namespace trocar {
 namespace {
 
@@ -25,13 +25,14 @@ struct Outcome {
 };
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr rlim_t kProcessorSeconds = 25;  // five times as slow: 1.0 s of h_laughs15.wrl becomes 5.4
+constexpr rlim_t kProcessorSeconds = 25;  // a machine five times slower takes 5.4 s for h_laughs15.wrl, not
+                                          // 1.0 s
 #else
 constexpr rlim_t kProcessorSeconds = 5;
 #endif
 
-// Runs `trocar check FILE` with kProcessorSeconds and 1 GiB of address space; a fault or a limit reached is a signal or exit
-// code 3.
+// Runs `trocar check FILE` with kProcessorSeconds and 1 GiB of address space; a crash or an exceeded limit is
+// a signal or exit code 3.
 Outcome check_within_limits(const fs::path& file, const fs::path& err) {
     const pid_t child = ::fork();
     if (child == 0) {
@@ -53,7 +54,7 @@ Outcome check_within_limits(const fs::path& file, const fs::path& err) {
     return outcome;
 }
 
-// Every file made to break readers, of VRML or of the others. Returns how many.
+// Checks all hostile files, either VRML or the others. Returns their number.
 int check_hostile_files(bool vrml) {
     const fs::path err = fs::path(testing::TempDir()) / ("trocar_reading_" + std::to_string(::getpid()));
     int files = 0;
@@ -112,7 +113,7 @@ struct ReadingFile : testing::Test {
     void TearDown() override { fs::remove(path); }
 };
 
-// Breaks if a person at a terminal waits for a long file without a sign of life, or a log file gets one.
+// Breaks when a terminal shows no progress while a long file is read, or a log file contains progress.
 TEST_F(ReadingFile, shows_progress_on_a_terminal_only) {
     std::ofstream(path, std::ios::binary) << sheet_in_vrml(270);
     ASSERT_GT(fs::file_size(path), 5'000'000u);
@@ -138,7 +139,8 @@ TEST_F(ReadingFile, shows_progress_on_a_terminal_only) {
     fs::remove(err);
 }
 
-// 180 MB, 4.5 million triangles: within three times the file in memory. Prints how fast, which no test can judge.
+// 180 MB, 4.5 million triangles: at most three times the file size in memory. Prints the speed, which a test
+// cannot judge.
 TEST_F(ReadingFile, LongOneTakesLessThanThreeTimesItsSize) {
     std::ofstream(path, std::ios::binary) << sheet_in_vrml(1500);
     const double size = static_cast<double>(fs::file_size(path));

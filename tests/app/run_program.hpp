@@ -12,11 +12,12 @@
 namespace trocar {
 
 struct Outcome {
-    int code = -1;  // of its exit; -1 for a signal
+    int code = -1;  // exit code; -1 for a signal
     std::string out, err;
 };
 
-// Runs the program in a folder; the shell splits the arguments. `scratch` takes a file for standard error.
+// Runs the program in a folder; the shell splits the arguments. `scratch` receives a file with standard
+// error.
 inline Outcome run_program(const std::string& arguments, const std::filesystem::path& working, const std::filesystem::path& scratch) {
     const std::filesystem::path err = scratch / "stderr.txt";
     const std::string command = "cd " + working.string() + " && " + program_path().string() + " " + arguments + " 2>" + err.string();

@@ -13,14 +13,14 @@
 #include "tests/app/run_program.hpp"
 #include "tests/reference/brute_force_distance.hpp"
 
-// The built program on files of real organs and instruments, where their folder is there, against brute force over the
-// triangles as a plain reader of our own has them.
+// The built program on files of real organs and instruments, if their folder exists, compared with brute
+// force over triangles read by a simple reader of the tests' own.
 namespace {
 using namespace trocar;
 namespace fs = std::filesystem;
 
 double unsigned_distance(const Mesh& m, const Vec3d& p) { return brute_force_distance(m.position, m.triangle, p).distance; }
-// Generalised winding number of the triangles as they are in the file (Jacobson 2013).
+// Generalised winding number of the file's triangles (Jacobson 2013).
 double winding(const Mesh& m, const Vec3d& p) {
     double sum = 0;
     for (const Triangle& t : m.triangle) {
@@ -107,7 +107,7 @@ TEST_F(LongSharedFiles, QueryEqualsBruteForce) {
             const double want = unsigned_distance(mesh, p), w = std::abs(winding(mesh, p));
             EXPECT_NEAR(std::abs(d), want, 1e-6 * box.diagonal()) << name;
             EXPECT_NEAR((p - Vec3d(x, y, z)).norm(), want, 1e-6 * box.diagonal()) << name;
-            // a surface that is not closed has no whole number around it, and no inside to agree on
+            // an open surface has no integer winding number, and no inside to compare
             if (std::abs(w - std::round(w)) > 1e-6 || least > 1e-6) {
                 ++open;
                 continue;
@@ -121,7 +121,7 @@ TEST_F(LongSharedFiles, QueryEqualsBruteForce) {
     std::printf("[          ] %u files, %u points inside, %u beside surfaces that are not closed\n", files, inside, open);
 }
 
-// Counts of vertices inside, depth and witness of pairs of files, and every field that the answer has.
+// Numbers of vertices inside, depth and witness for pairs of files, and every field of the answer.
 TEST_F(LongSharedFiles, CollideEqualsBruteForce) {
     const std::vector<std::array<const char*, 2>> pairs{{"organs/Kidney_left.stl", "organs/gallbladder_collision.stl"},
                                                         {"organs/Stomach.stl", "organs/gallbladder_collision.stl"},
@@ -175,7 +175,7 @@ TEST_F(LongSharedFiles, CollideEqualsBruteForce) {
                 continue;
             }
             ++compared;
-            // the witness is that deep in one of the two and on the other
+            // the witness has that depth in one of the two and lies on the other
             const auto& w = j["witness"]["point"];
             const Vec3d p(w[0].get<double>(), w[1].get<double>(), w[2].get<double>());
             const double in_a = signed_distance(a, p), in_b = signed_distance(moved, p);
@@ -195,7 +195,7 @@ TEST_F(LongSharedFiles, CollideEqualsBruteForce) {
             EXPECT_EQ(s["lower"], j["depth"]) << what;
             const Vec3d out(s["translation"][0].get<double>(), s["translation"][1].get<double>(), s["translation"][2].get<double>());
             EXPECT_NEAR(out.norm(), s["upper"], 1e-9 * size) << what;
-            // moved by it nothing of one is in the other
+            // after this translation no vertex of one is inside the other
             Mesh free = moved;
             for (Vec3d& v : free.position) v += out;
             deepest = 0;

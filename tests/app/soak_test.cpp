@@ -1,4 +1,4 @@
-#include "systems/app/soak.hpp"
+#include "systems/app/commands/soak.hpp"
 
 #include <gtest/gtest.h>
 
@@ -7,11 +7,11 @@
 #include <nlohmann/json.hpp>
 #include <random>
 
-#include "run_program.hpp"
+#include "tests/app/run_program.hpp"
 namespace trocar {
 namespace {
 
-// The address sanitizer's malloc tells nothing of itself.
+// The address sanitizer's malloc reports no statistics.
 #if defined(__SANITIZE_ADDRESS__)
 constexpr bool kHeapIsCounted = false;
 #else
@@ -22,12 +22,12 @@ TEST(Drift, OfALineIsItsSlopeWhateverFewOutliersSay) {
     std::vector<double> x, y;
     for (int i = 0; i < 101; ++i) x.push_back(0.1 * i), y.push_back(2.5 * x.back() - 4);
     EXPECT_NEAR(theil_sen(x, y).slope, 2.5, 1e-12);
-    for (int i = 0; i < 101; i += 10) y[i] = 1e6;  // a tenth of the points
+    for (int i = 0; i < 101; i += 10) y[i] = 1e6;  // a tenth of the points are outliers
     EXPECT_NEAR(theil_sen(x, y).slope, 2.5, 1e-12);
     EXPECT_FALSE(theil_sen(std::span(x).first(7), std::span(y).first(7)).known);
 }
 
-// Breaks when the interval is too narrow (it would cry wolf) or so wide that it sees nothing.
+// Breaks when the interval is too narrow (false alarms) or so wide that it detects nothing.
 TEST(Drift, IntervalHoldsTheTrueSlopeNineteenTimesInTwenty) {
     std::mt19937 random(7);
     std::normal_distribution<double> noise(0, 1);
@@ -116,8 +116,8 @@ TEST(SoakCommand, S01_FaultsAreSurvivedAndEveryEpisodeEndsTheSame) {
     EXPECT_EQ(run_program("soak probe_on_liver --faults rust", folder, folder).code, 2);
 }
 
-// Faults go in one after the other: a soak that ended before the last of them has not tried it. Breaks when the first stands for
-// all, or when time outside of passes is not told.
+// Faults are injected one after the other: a soak that ended early has not tried the later ones. Breaks when
+// the first stands for all, or when time outside of passes is not reported.
 TEST(Soak, FaultsNotTriedAreNamed) {
     Soak soak = quiet_soak();
     soak.faults_wanted = {"nan", "blast", "pause"};
@@ -127,7 +127,7 @@ TEST(Soak, FaultsNotTriedAreNamed) {
     EXPECT_TRUE(not_judged(soak, measure_drifts(soak)).empty());
 }
 
-// Breaks when the last line comes twice: at its minute and at the end.
+// Breaks when the last line is printed twice: at its minute and at the end.
 TEST(SoakCommand, TheEndIsToldOnceWithTimeOutsidePassesAndMemory) {
     const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_told_soak";
     std::filesystem::create_directories(folder);
@@ -145,7 +145,8 @@ TEST(SoakCommand, TheEndIsToldOnceWithTimeOutsidePassesAndMemory) {
     EXPECT_NE(text.find("minutes was spent in passes"), std::string::npos) << text;
 }
 
-// In lockstep a pause between two passes changes nothing: its episodes must end as all others. Breaks when they are excused from that.
+// In lockstep a pause between two passes changes nothing: such an episode must end like all others. Breaks
+// when these episodes are exempt from that comparison.
 TEST(SoakCommand, APauseIsJudgedLikeAnyEpisode) {
     const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_pause_soak";
     std::filesystem::create_directories(folder);
@@ -166,37 +167,6 @@ TEST(SoakCommand, APauseIsJudgedLikeAnyEpisode) {
 }
 
 // One episode shows neither drift nor that the next ends the same, and holds no fault: that is said. Breaks when "sound" stands alone.
-// Four soaks with more and more bodies. Breaks when a step has another number of bodies than it says, or a scene without `count` runs.
-TEST(SoakCommand, ARampGoesUpToTheWholeCount) {
-    const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_soak_ramp";
-    std::filesystem::remove_all(folder);
-    std::filesystem::create_directories(folder);
-    const Outcome o = run_program("soak stress_settle --ramp --minutes 0.004 --seconds 0.02 --set count=16 --json --out " + folder.string(),
-                                  source_folder(), folder);
-    EXPECT_EQ(o.code, 0) << o.err;
-    const auto steps = nlohmann::json::parse(o.out);
-    ASSERT_EQ(steps.size(), 4u);
-    double heap = 0;
-    for (int i = 0; i < 4; ++i) {
-        const int count = 2 << i;
-        EXPECT_EQ(steps[i]["count"], count);
-        EXPECT_TRUE(steps[i]["sound"]);
-        if (kHeapIsCounted) {
-            EXPECT_GT(steps[i]["heap_mib_end"].get<double>(), heap) << "more bodies, more memory";
-        }
-        heap = steps[i]["heap_mib_end"];
-        EXPECT_TRUE(std::filesystem::exists(folder / ("count_" + std::to_string(count)) / "soak.json"));
-    }
-    std::ifstream table(folder / "ramp.csv");
-    int lines = 0;
-    for (std::string line; std::getline(table, line);) ++lines;
-    EXPECT_EQ(lines, 5);
-    const Outcome none = run_program("soak kidney_on_liver --ramp --minutes 0.004", source_folder(), folder);
-    EXPECT_EQ(none.code, 2);
-    EXPECT_NE(none.err.find("parameter `count`"), std::string::npos) << none.err;
-    std::filesystem::remove_all(folder);
-}
-
 TEST(SoakCommand, SaysWhatWasTooShortToJudge) {
     const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_short_soak";
     std::filesystem::create_directories(folder);

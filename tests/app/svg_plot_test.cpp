@@ -1,4 +1,4 @@
-#include "systems/app/svg_plot.hpp"
+#include "systems/app/report/svg_plot.hpp"
 
 #include <gtest/gtest.h>
 
@@ -22,7 +22,7 @@ Plot busy_plot() {
     return plot;
 }
 
-// Breaks when a piece of the picture is cut short, as by a buffer that is too small for it.
+// Breaks when part of the picture is cut off, as by a buffer that is too small.
 TEST(SvgPlot, IsXmlWithEverythingInIt) {
     for (const bool outliers : {false, true}) {
         Plot plot = busy_plot();
@@ -46,7 +46,7 @@ TEST(SvgPlot, IsXmlWithEverythingInIt) {
     }
 }
 
-// Breaks when the report of a long run draws dots that others hide, by the hundred thousand, or loses one that stands alone.
+// Breaks when the report of a long run draws hundreds of thousands of hidden dots, or drops an isolated one.
 TEST(SvgPlot, LeavesOutDotsThatNobodyWouldSee) {
     PlotSeries dots{"dots", {}, {}, true};
     for (int i = 0; i < 100'000; ++i) dots.x.push_back(i % 100), dots.y.push_back(i % 7);
@@ -63,7 +63,7 @@ TEST(SvgPlot, LeavesOutDotsThatNobodyWouldSee) {
     EXPECT_EQ(alone, 1u);
 }
 
-// Breaks when the curve runs through what its mark is called, or the last tick's label is cut off at the edge.
+// Breaks when the curve crosses the label of its mark, or the last tick label is cut off at the edge.
 TEST(SvgPlot, LabelsAreLegible) {
     Plot plot{"ms", "vertices", "ms", {{"line", {1, 20, 90'000}, {1, 3, 2}, false}}};
     plot.mark_y = 2, plot.mark_label = "mean 2 ms";

@@ -7,8 +7,8 @@
 #include <set>
 #include <sstream>
 
-#include "content/sweep_file.hpp"
-#include "engine/error.hpp"
+#include "content/scene/sweep_file.hpp"
+#include "engine/base/error.hpp"
 #include "tests/app/run_program.hpp"
 
 namespace trocar {
@@ -71,7 +71,8 @@ TEST(SweepFile, EveryCombinationOnceInOrder) {
     }
 }
 
-// The kinetic energy of a ball that fell for the time of the run is known: m (g t)^2 / 2, from any height; without gravity none.
+// The kinetic energy of a ball in free fall is known from the duration: m (g t)^2 / 2, from any height; zero
+// without gravity.
 TEST(SweepCommand, RunsMergesResumesAndIsTheSameOnEveryEngine) {
     const fs::path folder = fresh_folder("run");
     write(folder / "ball.toml", kScene);
@@ -97,7 +98,7 @@ TEST(SweepCommand, RunsMergesResumesAndIsTheSameOnEveryEngine) {
     EXPECT_GT(falling, 0);
     EXPECT_NE(rows[0]["state_hash"], rows[2]["state_hash"]) << "another height";
 
-    // done runs are left alone; a lost one and one of another command are run again
+    // finished runs are kept; a missing one and one with a different command are run again
     const fs::path second = out / "runs" / rows[1]["run"].get<std::string>() / "metrics.json";
     const auto stamp = fs::last_write_time(second);
     fs::remove_all(out / "runs" / rows[2]["run"].get<std::string>());
@@ -105,7 +106,7 @@ TEST(SweepCommand, RunsMergesResumesAndIsTheSameOnEveryEngine) {
     EXPECT_EQ(again.code, 0);
     EXPECT_NE(again.out.find("4 runs, 3 were there, 0 failed"), std::string::npos) << again.out;
     EXPECT_EQ(fs::last_write_time(second), stamp);
-    // the table of what is there touches nothing, a value more leaves the rest where it is
+    // merging changes no run, and an added value leaves the other runs in place
     fs::remove(out / "runs" / rows[3]["run"].get<std::string>() / "exit");
     const Outcome table = run("--engine merge --out " + out.string());
     EXPECT_EQ(table.code, 1);
@@ -125,7 +126,7 @@ TEST(SweepCommand, RunsMergesResumesAndIsTheSameOnEveryEngine) {
     }
 }
 
-// Every combination twice, all of them before the second round; what is computed is the same, and nothing is run again.
+// Every combination twice, all of them before the second round; results are equal, and nothing is run again.
 TEST(SweepCommand, RepetitionsAreRunsOfTheirOwn) {
     const fs::path folder = fresh_folder("repeat");
     write(folder / "ball.toml", kScene);
@@ -149,7 +150,7 @@ TEST(SweepCommand, RepetitionsAreRunsOfTheirOwn) {
     EXPECT_NE(run().out.find("2 runs, 2 were there"), std::string::npos) << "the first round is that of a sweep without repetitions";
 }
 
-// `trocar sweep` where no sbatch is to be found, whatever this machine has.
+// `trocar sweep` with no sbatch on the PATH, whatever this machine has.
 Outcome sweep_without_cluster(const std::string& arguments, const fs::path& folder) {
     const char* path = std::getenv("PATH");
     const std::string kept = path ? path : "";
@@ -159,7 +160,7 @@ Outcome sweep_without_cluster(const std::string& arguments, const fs::path& fold
     return outcome;
 }
 
-// A cluster is not this machine: how many run at once is its affair, unless --jobs says it.
+// The number of concurrent runs on a cluster is left to the cluster unless --jobs sets it.
 TEST(SweepCommand, SlurmIsThrottledOnlyWhenAsked) {
     const fs::path folder = fresh_folder("slurm");
     write(folder / "ball.toml", kScene);
@@ -172,8 +173,8 @@ TEST(SweepCommand, SlurmIsThrottledOnlyWhenAsked) {
     EXPECT_NE(script(" --jobs 2").find("--array=0-3%2\n"), std::string::npos) << script(" --jobs 2");
 }
 
-// What an array of Slurm runs, task after task, here by a shell. Breaks when a task leaves lines of a long list out, or an array
-// holds what is done.
+// Executes the tasks of a Slurm array one after the other in a shell. Breaks when a task skips lines of a
+// long list, or an array contains finished runs.
 TEST(SweepCommand, SlurmTasksWorkOffWhatIsLeft) {
     const fs::path folder = fresh_folder("slurm_left");
     write(folder / "ball.toml", kScene);
@@ -192,7 +193,7 @@ TEST(SweepCommand, SlurmTasksWorkOffWhatIsLeft) {
     EXPECT_EQ(command("merge").code, 0);
 }
 
-// Breaks when an array has more tasks than Slurm takes, or a line is nobody's.
+// Breaks when an array has more tasks than Slurm accepts, or a line belongs to no task.
 TEST(SweepCommand, SlurmArraysHoldAtMostAThousandTasks) {
     const fs::path folder = fresh_folder("slurm_many");
     write(folder / "ball.toml", kScene);

@@ -1,4 +1,4 @@
-#include "systems/app/tool_record.hpp"
+#include "systems/app/report/tool_record.hpp"
 
 #include <gtest/gtest.h>
 
@@ -10,7 +10,8 @@
 namespace trocar {
 namespace {
 
-// A tool that slid over a tilted plane in rows 2 mm apart, 0.5 mm between samples; the force is a hill of 1 N on 1 N.
+// A tool that slid over a tilted plane in lines 2 mm apart, with samples every 0.5 mm; the force is a hill of
+// 1 N on a base of 1 N.
 Vec3d tilted(const Vec3d& v) { return Eigen::AngleAxisd(0.4, Vec3d(1, 2, 0).normalized()) * v; }
 double hill(double x, double y) { return 1 + std::exp(-((x - 0.01) * (x - 0.01) + (y + 0.005) * (y + 0.005)) / (2 * 0.008 * 0.008)); }
 std::vector<ToolSample> rows_over(double width, double height) {
@@ -30,7 +31,7 @@ std::vector<ToolSample> rows_over(double width, double height) {
 
 TEST(ForceMap, ShowsTheForceWhereItWasFelt) {
     std::vector<ToolSample> samples = rows_over(0.06, 0.04);
-    ToolSample away = samples.front();  // in the air, and another tool: neither belongs to the map
+    ToolSample away = samples.front();  // samples that do not belong in the map
     away.contacts = 0, away.force *= 9;
     samples.push_back(away);
     away.tool = 0, away.contacts = 3;
@@ -38,10 +39,11 @@ TEST(ForceMap, ShowsTheForceWhereItWasFelt) {
     const std::optional<ForceMap> map = force_map(samples, 1);
     ASSERT_TRUE(map);
     EXPECT_NEAR((map->normal - tilted(Vec3d::UnitZ())).norm(), 0, 1e-12);
-    EXPECT_GE(map->cell, 0.06 / 40);  // the plane's axes are turned a little against the rows
+    EXPECT_GE(map->cell, 0.06 / 40);  // the plane's axes are slightly rotated against the lines
     EXPECT_LE(map->cell, std::hypot(0.06, 0.04) / 40);
     EXPECT_EQ(map->force.size(), size_t{map->columns} * map->rows);
-    // smoothing over a cell of 1.5 mm takes s^2 / (s^2 + 8^2), 7 %, off the top of a hill 8 mm wide and less elsewhere
+    // smoothing over a cell of 1.5 mm lowers the top of an 8 mm wide hill by s^2 / (s^2 + 8^2), 7 %, and
+    // other parts less
     double worst = 0, highest = 0;
     Vec3d top = Vec3d::Zero();
     for (uint32_t j = 0; j < map->rows; ++j) {
@@ -57,7 +59,7 @@ TEST(ForceMap, ShowsTheForceWhereItWasFelt) {
     EXPECT_LT((top - Vec3d(0.01, -0.005, 0)).norm(), 1.5e-3);
 }
 
-// A body's name may hold a comma: it must not shift the columns behind it.
+// A body's name may contain a comma: it must not shift the columns after it.
 TEST(ToolsCsv, NamesWithCommasAreOneField) {
     ToolSample sample;
     sample.contacts = 3;
@@ -70,13 +72,13 @@ TEST(ToolsCsv, NamesWithCommasAreOneField) {
 }
 
 TEST(ForceMap, NeedsASurfaceToShow) {
-    EXPECT_FALSE(force_map(rows_over(0.06, 0.004), 1));  // a line
+    EXPECT_FALSE(force_map(rows_over(0.06, 0.004), 1));  // samples along one line
     EXPECT_FALSE(force_map(rows_over(0.06, 0.04), 0));   // another tool
     EXPECT_FALSE(force_map({}, 0));
     EXPECT_NE(svg_force_map("a < b", *force_map(rows_over(0.06, 0.04), 1)).find("a &lt; b"), std::string::npos);
 }
 
-// Fails when an axis has no name, or when a map of few columns is narrower than its title.
+// Fails when an axis has no label, or when a map of few columns is narrower than its title.
 TEST(ForceMap, HasAxesAndItsWholeTitle) {
     ForceMap map;
     map.columns = 1, map.rows = 20, map.cell = 1e-3;
@@ -97,7 +99,7 @@ TEST(ForceMap, LeavesOutWhereTheToolNeverWas) {
     const ForceMap map = *force_map(samples, 1);
     size_t empty = 0;
     for (const double f : map.force) empty += std::isnan(f) ? 1 : 0;
-    // 24 mm of 60 less 2.5 cells of 1.5 mm on either side
+    // 24 mm of 60, less 2.5 cells of 1.5 mm on either side
     EXPECT_NEAR(static_cast<double>(empty) / static_cast<double>(map.force.size()), (24 - 7.5) / 60, 0.06);
 }
 

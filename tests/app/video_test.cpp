@@ -1,15 +1,14 @@
-#include "systems/app/video.hpp"
+#include "systems/app/pictures/video.hpp"
 
 #include <gtest/gtest.h>
-#include <signal.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
+#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 
-#include "engine/image_file.hpp"
+#include "engine/files/image_file.hpp"
 
 namespace trocar {
 namespace {
@@ -48,7 +47,7 @@ std::string decode(const fs::path& file) {
     return bytes;
 }
 
-// every picture is there, in order, the right way up, with its colours (within what 4:2:0 and the encoder lose)
+// every picture is there, in order, upright, with its colours (within the losses of 4:2:0 and the encoder)
 void expect_bars(const fs::path& file, uint32_t width, uint32_t height, uint32_t count) {
     const std::string bytes = decode(file);
     ASSERT_EQ(bytes.size(), size_t{3} * width * height * count);
@@ -71,64 +70,21 @@ class Video : public testing::Test {
     Folder folder;
 };
 
+// Odd sides grow to even ones.
 TEST_F(Video, HoldsEveryPictureInOrder) {
-    const fs::path file = folder.path / "film of 1.mp4";
-    VideoWriter video(file, 128, 64, 30);
-    for (uint32_t n = 0; n < 12; ++n) ASSERT_TRUE(video.add(moving_bar(128, 64, n))) << video.error();
-    EXPECT_FALSE(fs::exists(file));  // nothing under the final name before it is whole
-    ASSERT_TRUE(video.finish()) << video.error();
-    EXPECT_EQ(folder.files(), 1u);
-    expect_bars(file, 128, 64, 12);
-}
-
-TEST_F(Video, TakesOddSizes) {
-    const fs::path file = folder.path / "odd.mp4";
-    VideoWriter video(file, 127, 33, 30);
-    for (uint32_t n = 0; n < 3; ++n) ASSERT_TRUE(video.add(moving_bar(127, 33, n)));
-    ASSERT_TRUE(video.finish()) << video.error();
-    expect_bars(file, 128, 34, 3);
-}
-
-TEST_F(Video, IsMadeFromNumberedPictures) {
-    for (uint32_t n = 0; n < 5; ++n) {
-        char name[32];
-        std::snprintf(name, sizeof name, "frame_%04u.png", n + 7);
-        save_png(moving_bar(128, 64, n), folder.path / name);
-    }
-    std::string error = "unset";
-    ASSERT_TRUE(write_video(folder.path / "frame_%04d.png", 7, 30, folder.path / "film.mp4", error)) << error;
-    EXPECT_EQ(error, "");
-    expect_bars(folder.path / "film.mp4", 128, 64, 5);
-    EXPECT_EQ(folder.files(), 6u);
-}
-
-TEST_F(Video, LeavesNothingBehindWhenItIsNotFinished) {
-    {
-        VideoWriter video(folder.path / "film.mp4", 64, 64, 30);
-        for (uint32_t n = 0; n < 5; ++n) ASSERT_TRUE(video.add(moving_bar(64, 64, n)));
-    }
-    EXPECT_EQ(folder.files(), 0u);
-}
-
-// Ctrl-C goes to everybody in the terminal's foreground group. Who writes the film stops when he likes; it must be whole
-TEST_F(Video, SurvivesCtrlC) {
-    const fs::path file = folder.path / "film.mp4";
-    const pid_t writer = fork();
-    if (writer == 0) {
-        setpgid(0, 0);
-        signal(SIGINT, [](int) {});
-        VideoWriter video(file, 64, 64, 30);
-        bool good = true;
-        for (uint32_t n = 0; n < 6; ++n) {
-            good = good && video.add(moving_bar(64, 64, n));
-            if (n == 2) kill(0, SIGINT), usleep(100'000);
+    for (const auto [width, height] : {std::array{128u, 64u}, std::array{127u, 33u}}) {
+        for (uint32_t n = 0; n < 5; ++n) {
+            char name[32];
+            std::snprintf(name, sizeof name, "frame_%04u.png", n + 7);
+            save_png(moving_bar(width, height, n), folder.path / name);
         }
-        _exit(good && video.finish() ? 0 : 1);
+        const fs::path file = folder.path / "film of 1.mp4";
+        std::string error = "unset";
+        ASSERT_TRUE(write_video(folder.path / "frame_%04d.png", 7, 30, file, error)) << error;
+        EXPECT_EQ(error, "");
+        expect_bars(file, 128, height + height % 2, 5);
+        EXPECT_EQ(folder.files(), 6u);
     }
-    int status = 1;
-    ASSERT_EQ(waitpid(writer, &status, 0), writer);
-    EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0);
-    expect_bars(file, 64, 64, 6);
 }
 
 void expect_one_line(const std::string& error, const std::string& file) {
@@ -138,23 +94,16 @@ void expect_one_line(const std::string& error, const std::string& file) {
 }
 
 TEST_F(Video, SaysInOneLineWhyItFailed) {
-    const fs::path nowhere = folder.path / "missing" / "film.mp4";
-    VideoWriter video(nowhere, 64, 64, 30);
-    for (uint32_t n = 0; n < 100 && video.add(moving_bar(64, 64, n)); ++n) continue;
-    EXPECT_FALSE(video.finish());
-    expect_one_line(video.error(), nowhere.string());
-    EXPECT_FALSE(video.add(moving_bar(64, 64, 0)));
-
-    VideoWriter other(folder.path / "size.mp4", 64, 64, 30);
-    EXPECT_FALSE(other.add(moving_bar(64, 32, 0)));
-    expect_one_line(other.error(), (folder.path / "size.mp4").string());
-
+    save_png(moving_bar(64, 64, 0), folder.path / "some_0000.png");
+    std::string none;
+    EXPECT_FALSE(write_video(folder.path / "some_%04d.png", 0, 30, folder.path / "missing" / "film.mp4", none));
+    expect_one_line(none, (folder.path / "missing" / "film.mp4").string());
     std::string error;
     EXPECT_FALSE(write_video(folder.path / "none_%04d.png", 0, 30, folder.path / "film.mp4", error));
     expect_one_line(error, (folder.path / "film.mp4").string());
 }
 
-// without the program: no crash, no signal, a clear word
+// without the program: no crash, no signal, a clear message
 TEST(VideoWithout, Ffmpeg) {
     const char* path = std::getenv("PATH");
     const std::string kept = path ? path : "";
@@ -162,10 +111,6 @@ TEST(VideoWithout, Ffmpeg) {
     setenv("PATH", folder.path.c_str(), 1);
     EXPECT_FALSE(ffmpeg_present());
     const fs::path file = folder.path / "film.mp4";
-    VideoWriter video(file, 64, 64, 30);
-    EXPECT_FALSE(video.add(moving_bar(64, 64, 0)));
-    EXPECT_FALSE(video.finish());
-    EXPECT_EQ(video.error(), file.string() + ": the program ffmpeg is not on PATH");
     std::string error;
     EXPECT_FALSE(write_video(folder.path / "%d.png", 0, 30, file, error));
     EXPECT_EQ(error, file.string() + ": the program ffmpeg is not on PATH");

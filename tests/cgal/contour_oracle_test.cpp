@@ -6,9 +6,9 @@
 #include <random>
 
 #include "engine/geometry/triangle_triangle.hpp"
-#include "tests/systems/contact_scene.hpp"
+#include "tests/systems/detect/contact_scene.hpp"
 
-// CGAL's exact kernel as a second opinion on which triangles meet and where.
+// CGAL's exact kernel as oracle of which triangles meet and where.
 namespace trocar::test {
 namespace {
 
@@ -21,8 +21,9 @@ struct Count {
 Kernel::Point_3 exact(const Vec3d& p) { return {p.x(), p.y(), p.z()}; }
 Vec3d rounded(const Kernel::Point_3& p) { return {CGAL::to_double(p.x()), CGAL::to_double(p.y()), CGAL::to_double(p.z())}; }
 
-// Every pair of triangles of two bodies: our exact test says disjoint where CGAL does; a contour segment lies between the
-// ends that CGAL constructs, exists wherever the triangles cross properly and nowhere that they are disjoint.
+// For every pair of triangles of two bodies our exact test says disjoint exactly if CGAL does; a contour
+// segment lies between the ends that CGAL constructs, exists wherever the triangles cross properly and
+// nowhere if they are disjoint.
 void compare(ContactScene& scene, Count& count) {
     scene.run_with_regions();
     std::map<std::array<uint32_t, 2>, uint32_t> segment;
@@ -76,16 +77,16 @@ TEST(CgalOracle, BumpySpheres) {
     EXPECT_GT(count.apart, 100'000u);
 }
 
-// Corners on small whole numbers: shared corners, edges in faces, common planes.
+// Corners at small integers: shared corners, edges in faces, common planes.
 TEST(CgalOracle, TetrahedraOnAGrid) {
     std::mt19937 random(17);
-    std::uniform_int_distribution<int> place(0, 3);
+    std::uniform_int_distribution<int> position(0, 3);
     Count count;
     for (int trial = 0; trial < 3000; ++trial) {
         std::array<std::array<Vec3d, 4>, 2> p;
         bool flat = false;
         for (auto& corners : p) {
-            for (Vec3d& x : corners) x = Vec3d(place(random), place(random), place(random));
+            for (Vec3d& x : corners) x = Vec3d(position(random), position(random), position(random));
             flat |= (corners[1] - corners[0]).cross(corners[2] - corners[0]).dot(corners[3] - corners[0]) == 0;
         }
         if (flat) continue;

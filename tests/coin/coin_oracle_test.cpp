@@ -14,10 +14,10 @@
 #include <csignal>
 #include <optional>
 
-#include "tests/content/mesh_sums.hpp"
+#include "tests/content/mend/mesh_sums.hpp"
 
-// Coin 4 as a second opinion on VRML 1.0, VRML97 and Inventor: what it makes of a file has as many triangles, the same
-// box and the same area as what we make of it. Coin crashes on some files, so each is read in a child of its own.
+// Coin 4 as oracle for VRML 1.0, VRML97 and Inventor: its result for a file has as many triangles, the same
+// box and the same area as ours. Coin crashes on some files, so each is read in a child process.
 namespace trocar {
 namespace {
 
@@ -68,7 +68,7 @@ Sums sums_of_coin(const fs::path& path) {
     return sums;
 }
 
-// Nothing when Coin refuses the file, finds no triangle, crashes or takes longer than ten seconds.
+// Empty if Coin refuses the file, finds no triangle, crashes or takes longer than ten seconds.
 std::optional<Sums> read_with_coin(const fs::path& path) {
     int ends[2];
     if (::pipe(ends) != 0) return std::nullopt;
@@ -101,7 +101,7 @@ Sums sums_of_ours(const fs::path& path) {
     return sums;
 }
 
-// What need not agree, and why.
+// Properties that may differ for a file.
 enum Apart : uint8_t { kNothing = 0, kCount = 1, kArea = 2, kBoxLoosely = 4, kSense = 8 };
 
 void expect_same(const Sums& ours, const Sums& coin, int apart) {
@@ -113,7 +113,7 @@ void expect_same(const Sums& ours, const Sums& coin, int apart) {
     }
     double size = 0;
     for (int k = 0; k < 3; ++k) size = std::max(size, coin.box[k + 3] - coin.box[k]);
-    // Coin computes in float, also the place a transform brings a point to
+    // Coin computes in float, also the transformed position of a point
     double far = size;
     for (const double b : coin.box) far = std::max(far, std::abs(b));
     const double tolerance = (apart & kBoxLoosely) ? 0.02 * size : 4e-6 * far;
@@ -129,16 +129,16 @@ struct Difference {
 };
 
 constexpr Difference kDifferences[] = {
-    // spheres, cones and cylinders have as many sides as each reader likes
+    // each reader chooses the number of sides of spheres, cones and cylinders
     {"v1_full.wrl", kCount | kArea | kBoxLoosely},
     {"v2_prims.wrl", kCount | kArea | kBoxLoosely},
-    // the file does not say that its polygon is concave, and Coin fans it: area 3.5 for the true 2.5
+    // the file does not declare its polygon concave, so Coin fans it: area 3.5 instead of the true 2.5
     {"v1_concave_area2.5_or_fan3.5.wrl", kArea},
-    // without the closing -1 Coin fans it whatever the file says
+    // without the closing -1 Coin always fans it
     {"v2_concave_area2.5.wrl", kArea},
     {"v1_quad.wrl", kArea},
     {"v2_quad.wrl", kArea},
-    // quadrilaterals that are not plane: each reader cuts them along the diagonal it likes
+    // non-planar quadrilaterals: each reader chooses the diagonal
     {"Wuson.wrl", kSense},
 };
 
@@ -165,7 +165,7 @@ TEST(CoinOracle, real_files_agree_wherever_both_read_them) {
         }
     }
     if (compared == 0) GTEST_SKIP() << "no VRML files on this machine";
-    // what Coin refuses or crashes on is left out; were that more than is known, this would prove little
+    // files that Coin refuses or crashes on are skipped; too many would void the test
     if (!shared_data_folder().empty()) {
         EXPECT_GE(compared, 23);
     }
@@ -182,7 +182,7 @@ constexpr Text kTexts[] = {
     {"extrusion along a bent spine",
      "#VRML V2.0 utf8\nShape { geometry Extrusion { crossSection [ .1 0, 0 -.1, -.1 0, 0 .1, .1 0 ] spine [ 0 0 0, 0 1 "
      "0, .7 2 0, .7 3 .5, 0 3 1 ] scale [ 1 1, 2 1, 1 .5, 1 1, 1.5 1.5 ] } }\n",
-     kArea},  // its sides are not plane
+     kArea},  // non-planar sides
     {"straight extrusion, thinner and thinner",
      "#VRML V2.0 utf8\nShape { geometry Extrusion { crossSection [ 1 1, 1 -1, -1 -1, -1 1, 1 1 ] spine [ 1 0 0, 1 2 0, "
      "1 3 0 ] scale [ 2 1, 1 .5, .5 .25 ] } }\n"},

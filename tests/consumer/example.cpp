@@ -1,12 +1,12 @@
 #include <cmath>
 #include <cstdio>
 #include <string>
-#include <trocar/content/build_scene.hpp>
-#include <trocar/content/make_prototype.hpp>
-#include <trocar/content/shape_library.hpp>
-#include <trocar/engine/error.hpp>
-#include <trocar/engine/thread_pool.hpp>
-#include <trocar/systems/frame.hpp>
+#include <trocar/content/scene/build_scene.hpp>
+#include <trocar/content/scene/make_prototype.hpp>
+#include <trocar/content/shapes/shape_library.hpp>
+#include <trocar/engine/base/error.hpp>
+#include <trocar/engine/jobs/thread_pool.hpp>
+#include <trocar/systems/frame/frame.hpp>
 #include <utility>
 
 using namespace trocar;
@@ -20,8 +20,8 @@ World make_world() {
     add_body(w, "table", table.row, Motion::kStatic);
     const uint32_t body = add_body(w, "ball", ball.row, Motion::kDeformable, {.youngs_modulus = 20e3}, AnchorFrame::kShape);
     w.poses.origin[body] = Vec3d(0, 0, 0.07);
-    make_deformable(w, body);  // where it stands now; a rigid one that falls: Motion::kFree and set_rigid_mass
-    make_trees(w);             // once everybody is there
+    make_deformable(w, body);  // at its present position; a rigid body that falls: Motion::kFree and set_rigid_mass
+    make_trees(w);             // after all bodies
     return w;
 }
 
@@ -36,7 +36,7 @@ void run() {
     for (size_t i = 0; i < w.contacts.point.size() && i < 3; ++i)
         std::printf("%s touches %s, %.4f mm apart\n", w.bodies.name[w.contacts.body[i]].c_str(), w.bodies.name[w.contacts.other[i]].c_str(),
                     1e3 * w.contacts.distance[i]);
-    if (!(std::abs(w.energy.balance) < 1e-3)) throw InputError("the books do not close");  // J
+    if (!(std::abs(w.energy.balance) < 1e-3)) throw InputError("the energy does not balance");  // J
     if (w.report.nonfinite_particles + w.report.runaway_bodies > 0) throw InputError("something had to be restored");
 }
 

@@ -3,12 +3,12 @@
 #include <algorithm>
 #include <filesystem>
 
-#include "engine/thread_pool.hpp"
-#include "systems/frame.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "systems/frame/frame.hpp"
 #include "tests/frame/scenes_under_test.hpp"
 
-// What a scene does not use costs no bytes, no threads and no stages. Breaks when a system allocates for, or a stage
-// runs on, something the scene lacks.
+// Features that a scene does not use cost no memory, no threads and no stages. Breaks when a system allocates
+// for, or a stage runs on, something the scene lacks.
 namespace {
 using namespace trocar;
 
@@ -23,7 +23,7 @@ bool has_stage(const Frame& frame, const std::string& name) {
     return std::find(names.begin(), names.end(), name) != names.end();
 }
 
-// Runs a world for some passes inside a pool of one thread and looks at it.
+// Runs a world for some passes in a pool of one thread and passes the frame to `look`.
 template <typename Look>
 void run_and_look(World world, int passes, const Look& look) {
     ThreadPool pool(1);
@@ -49,12 +49,12 @@ TEST(AbsentFeatures, SceneWithoutToolHasNoHapticStageAndNoHapticBytes) {
         EXPECT_EQ(frame.world().haptics.ticks, 0u);
         EXPECT_EQ(frame.world().springs.fans.first.capacity(), 0u) << "no body keeps its volume";
         EXPECT_EQ(frame.world().springs.hinges.first.capacity(), 0u) << "none bends";
-        for (const char* stage : {"links", "tears", "level of detail"}) EXPECT_FALSE(has_stage(frame, stage));
+        for (const char* stage : {"links", "tears"}) EXPECT_FALSE(has_stage(frame, stage));
         const World& w = frame.world();
         EXPECT_EQ(w.links.group.capacity() + w.links.node.capacity() + w.links.stable_dt.capacity(), 0u) << "nothing is linked";
         EXPECT_EQ(w.tears.body.capacity() + w.torn.spring.capacity() + w.torn_springs.neighbour.capacity(), 0u) << "nothing tears";
         EXPECT_EQ(w.springs.factor.capacity() + w.solids.factor.capacity(), 0u) << "no region differs";
-        EXPECT_EQ(w.detail.body.capacity() + w.detail.near.capacity() + w.bodies.stepping.capacity(), 0u) << "none is stepped coarsely";
+        EXPECT_EQ(w.bodies.stepping.capacity(), 0u) << "none says how it is stepped";
     });
     run_and_look(std::move(small_scene("probe_on_liver").world), 1, [](const Frame& frame) {
         for (const char* stage : {"device input", "local contact"}) EXPECT_TRUE(has_stage(frame, stage));
@@ -87,7 +87,7 @@ TEST(AbsentFeatures, OneThreadStartsNoOther) {
     EXPECT_EQ(threads_of_process(), before);
 }
 
-// Breaks when a run without pictures pays for them, simulates something else, or cannot show a picture when asked.
+// Breaks when a run without pictures pays for them, gives other results, or cannot show a picture on request.
 TEST(AbsentFeatures, WithoutPicturesNothingIsMadeForThem) {
     ThreadPool pool(1);
     pool.run([&] {

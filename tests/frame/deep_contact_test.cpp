@@ -3,19 +3,21 @@
 #include <algorithm>
 #include <cmath>
 
-#include "content/build_scene.hpp"
-#include "engine/thread_pool.hpp"
-#include "systems/deformable_energy.hpp"
-#include "systems/frame.hpp"
+#include "content/scene/build_scene.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "systems/frame/frame.hpp"
+#include "systems/output/deformable_energy.hpp"
 #include "tests/reference/brute_force_contact.hpp"
-#include "tests/systems/contact_scene.hpp"
+#include "tests/reference/measures.hpp"
+#include "tests/systems/detect/contact_scene.hpp"
 
-// Contacts that vertices and edges do not see, and overlaps too deep for the shortest way out, in whole frames. What is
-// left is measured by brute force, from the places of the bodies alone.
+// Contacts that neither vertices nor edges detect, and overlaps too deep for the shortest separating
+// translation, in whole frames. The remaining overlap is measured by brute force from the bodies' positions
+// alone.
 namespace trocar::test {
 namespace {
 
-// What is stated of a resolved contact: no point of either surface is deeper than contact.tolerance.
+// Guaranteed after a contact is resolved: no point of either surface is deeper than contact.tolerance.
 constexpr double kTolerance = 1e-4;
 
 struct Body {
@@ -61,7 +63,8 @@ Mesh ball(double radius, uint32_t n) {
     return make_sphere(n, [=](const Vec3d& p) { return Vec3d(radius * p); });
 }
 
-// Deepest of a grid of points on every face of a body in the other one, by brute force. m, 0 = none is inside
+// m, largest depth inside the other body of a grid of points on every face of a body, by brute force; 0 =
+// none is inside.
 double deepest_of_faces(const World& w, uint32_t body, uint32_t other, int grid) {
     const reference::Surface own(surfaces_of(w), body), surface(surfaces_of(w), other);
     double depth = 0;
@@ -81,8 +84,8 @@ double middle_z(const World& w, uint32_t body) {
     return sum / count;
 }
 
-// A ball has come through the middle of one large face of a sheet: no vertex and no edge of the sheet is in the ball. The
-// face has a row that moves its three corners; without it the ball stays stuck.
+// A ball has passed through the middle of one large face of a sheet: no vertex and no edge of the sheet is in
+// the ball. A contact constraint of the face moves its three corners; without it the ball stays stuck.
 TEST(FaceRows, CoarseSheetComesOffABall) {
     for (const bool faces : {true, false}) {
         const double cell = 0.025, in_middle = cell * (1 - std::sqrt(0.5));
@@ -103,7 +106,7 @@ TEST(FaceRows, CoarseSheetComesOffABall) {
     }
 }
 
-// Three-sided prism along z between `low` and `high`, of two triangles a side and one at each end.
+// Three-sided prism along z from `low` to `high`, with two triangles per side and one at each end.
 Mesh prism(double radius, double low, double high) {
     Mesh mesh;
     for (const double z : {low, high})
@@ -118,8 +121,8 @@ Mesh prism(double radius, double low, double high) {
     return mesh;
 }
 
-// The end of one prism in that of a slightly wider one: corners and edges are 1 mm deep, sideways; the middle of the end
-// 3 mm, along. Only the row of the face pushes along.
+// The end of one prism inside a slightly wider one: corners and edges are 1 mm deep, sideways; the middle of
+// the end 3 mm, axially. Only the contact constraint of the face separates them axially.
 TEST(FaceRows, EndFaceOfAPrism) {
     for (const bool faces : {true, false}) {
         World w = make_world({{prism(0.022, 0, 0.04), Motion::kStatic}, {prism(0.02, -0.04, 0.003)}});
@@ -137,10 +140,11 @@ TEST(FaceRows, EndFaceOfAPrism) {
     }
 }
 
-// A small ball in the middle of a large face of a box: the row of the ball's deepest vertex moves the face's three corners
-// by its weights, and they are as far out after as stated.
+// A small ball in the middle of a large face of a box: the contact constraint of the ball's deepest vertex
+// moves the face's three corners in proportion to their weights, and the remaining overlap is below the
+// tolerance.
 TEST(FaceRows, SmallBallInALargeFaceOfABox) {
-    const Vec3d at(0.008, 0.003, 0.03 + 0.005 - 0.002);  // 2 mm in the top face, nearest to one corner of its triangle
+    const Vec3d at(0.008, 0.003, 0.03 + 0.005 - 0.002);  // 2 mm below the top face, near a triangle corner
     World w = make_world({{make_box({0.06, 0.06, 0.06})}, {ball(0.005, 8), Motion::kStatic, at}});
     std::vector<Vec3d> before;
     for (uint32_t v = 0; v < 8; ++v) before.push_back(vertex_position(surfaces_of(w), 0, v));
@@ -154,15 +158,17 @@ TEST(FaceRows, SmallBallInALargeFaceOfABox) {
         EXPECT_NEAR(p.depth[0], 0.002, 1e-6);
         const uint32_t witness = p.witness[0];
         ASSERT_EQ(now.contacts.body[witness], 1u) << "the ball's vertex";
-        const auto row = size_t(std::find(now.rows.contact.begin(), now.rows.contact.end(), witness) - now.rows.contact.begin());
-        ASSERT_LT(row, now.rows.contact.size());
-        // the one deepest row did nearly all of it: corners went down in the ratio of their weights
-        const Triangle& t = now.rows.triangle[row];
+        const auto row = size_t(std::find(now.contact_constraints.contact.begin(), now.contact_constraints.contact.end(), witness) -
+                                now.contact_constraints.contact.begin());
+        ASSERT_LT(row, now.contact_constraints.contact.size());
+        // the single deepest constraint did nearly all of it: the displacements of the corners have the ratio
+        // of their weights
+        const Triangle& t = now.contact_constraints.triangle[row];
         double sum = 0;
         for (int k = 0; k < 3; ++k) {
             const double down = before[t[k]].z() - vertex_position(surfaces_of(now), 0, t[k]).z();
-            EXPECT_GT(now.rows.weight[row][k], 0.05f);
-            sum += now.rows.weight[row][k] * down;
+            EXPECT_GT(now.contact_constraints.weight[row][k], 0.05f);
+            sum += now.contact_constraints.weight[row][k] * down;
         }
         EXPECT_GT(sum, 1e-3) << "the point under the vertex went down";
         for (int pass = 0; pass < 20; ++pass) frame.step();
@@ -171,10 +177,11 @@ TEST(FaceRows, SmallBallInALargeFaceOfABox) {
     });
 }
 
-// ---- too deep for the shortest way out ----
+// ---- too deep for the shortest separating translation ----
 
-// A ball is put 23 mm further into a soft plate of 20 mm at once, past its middle: the shortest way out now leads on
-// through the far side. With the memory of where it came from the plate is brought back below the ball.
+// A ball is placed 23 mm deeper into a soft plate of 20 mm at once, past its middle: the shortest separating
+// translation now leads out through the far side. With the stored separation direction the plate returns to
+// below the ball.
 TEST(DeepOverlap, BallShotIntoAPlateLeavesWhereItCameFrom) {
     for (const DeepResponse deep : {DeepResponse::kLastFree, DeepResponse::kNone}) {
         for (const ResponseDirection direction : {ResponseDirection::kLocal, ResponseDirection::kThesis}) {
@@ -200,8 +207,9 @@ TEST(DeepOverlap, BallShotIntoAPlateLeavesWhereItCameFrom) {
     }
 }
 
-// Two equal balls that start past each other's centres, with nothing to remember: by shortest ways they are drawn
-// together; the mode takes the shortest way that surely parts them.
+// Two equal balls start past each other's centres, without a stored direction: the shortest translations of
+// single points would draw them together; this mode takes the shortest translation that surely separates the
+// bodies.
 TEST(DeepOverlap, BallsThatStartPastTheirCentresArePartedTheShortWay) {
     for (const DeepResponse deep : {DeepResponse::kLastFree, DeepResponse::kNone}) {
         const double radius = 0.01, apart = 0.3 * radius;
@@ -219,8 +227,8 @@ TEST(DeepOverlap, BallsThatStartPastTheirCentresArePartedTheShortWay) {
     }
 }
 
-// One-sided (the other body stands still) and two-sided response, by every share and direction: an overlap of 2 mm is gone
-// to the stated residual, and stays gone.
+// One-sided (the other body is static) and two-sided response, for every distribution and direction: an
+// overlap of 2 mm falls to the tolerance and stays there.
 TEST(Response, OneSidedAndTwoSidedReachTheStatedResidual) {
     for (const Motion other : {Motion::kStatic, Motion::kDeformable}) {
         for (const ResponseShare share : {ResponseShare::kMass, ResponseShare::kStiffness, ResponseShare::kHalf}) {
@@ -240,9 +248,9 @@ TEST(Response, OneSidedAndTwoSidedReachTheStatedResidual) {
     }
 }
 
-// The corners of a soft block lie in a floor and in a wall at once. Whatever order the three bodies have in the scene, and
-// whether the two others stand still or yield too, those vertices come out of both and stay out, no body is left in
-// another, and three that are free have no momentum together.
+// The corners of a soft block are inside a floor and a wall at once. For any order of the three bodies in the
+// scene, and whether the other two are static or deformable, these vertices come out of both and stay out, no
+// body remains inside another, and the total momentum of three free bodies stays zero.
 TEST(NBody, VerticesInTwoBodiesObeyBothInAnyOrder) {
     for (const Motion other : {Motion::kStatic, Motion::kDeformable}) {
         const double in = 0.0015;
@@ -251,7 +259,7 @@ TEST(NBody, VerticesInTwoBodiesObeyBothInAnyOrder) {
                                        {make_box({0.02, 0.06, 0.08}, {1, 3, 4}), other, Vec3d(-0.01, 0, 0.037)}};
         std::array<uint32_t, 3> order{0, 1, 2};
         do {
-            std::array<uint32_t, 3> row;  // of each of the bodies
+            std::array<uint32_t, 3> row;  // index of each body
             std::vector<Body> shuffled;
             for (uint32_t i = 0; i < 3; ++i) row[order[i]] = i, shuffled.push_back(bodies[order[i]]);
             World w = make_world(shuffled);
@@ -285,7 +293,7 @@ TEST(NBody, VerticesInTwoBodiesObeyBothInAnyOrder) {
     }
 }
 
-// What one pass leaves of an overlap, by each direction of the response: both take the most of it away.
+// Overlap left by one pass, for each direction of the response: both remove most of it.
 TEST(ResponseDirection, WhatOnePassLeaves) {
     double left[2] = {0, 0};
     for (const ResponseDirection direction : {ResponseDirection::kLocal, ResponseDirection::kThesis}) {

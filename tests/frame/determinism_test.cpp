@@ -4,17 +4,19 @@
 #include <chrono>
 #include <thread>
 
-#include "content/self_crossing.hpp"
-#include "engine/closest_point.hpp"
-#include "engine/parallel.hpp"
-#include "engine/surface_mesh.hpp"
-#include "engine/thread_pool.hpp"
-#include "systems/frame.hpp"
+#include "content/mend/self_crossing.hpp"
+#include "content/scene/build_scene.hpp"
+#include "engine/base/cpu.hpp"
+#include "engine/jobs/parallel.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "engine/mesh/surface_mesh.hpp"
+#include "systems/frame/frame.hpp"
 #include "tests/frame/scenes_under_test.hpp"
 #include "tests/reference/sample_count.hpp"
 
-// Same bits whatever the threads, the order of running, the instruction set and the caches. Breaks when a system
-// merges in thread order, lets a cache change an answer, or contracts floating-point operations.
+// Bit-identical results for any number of threads, order of execution, instruction set and cache state.
+// Breaks when a system merges in thread order, lets a cache change a result, or contracts floating-point
+// operations.
 namespace {
 using namespace trocar;
 
@@ -24,11 +26,11 @@ struct Run {
     bool clear_caches = false;
     bool avx2 = false;
     uint32_t passes = 90;
-    bool embree = false;       // trees search with rtcPointQuery
+    bool embree = false;       // contact.search = "embree"
     bool cross_check = false;  // signs are compared with the winding number
 };
 
-// Threads that really take part in loops of the pool; waits up to ten seconds for the last to come.
+// Number of threads that really take part in the pool's loops; waits up to ten seconds for the last one.
 uint32_t count_threads(uint32_t expected) {
     std::vector<std::atomic<uint32_t>> seen(256);
     const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(10);
@@ -44,7 +46,7 @@ uint32_t count_threads(uint32_t expected) {
     return count;
 }
 
-// Whether the surface of some body crosses itself: there pseudonormals need not tell what the winding number does.
+// Whether some body's surface intersects itself: there pseudonormals and winding numbers may disagree.
 bool has_self_crossing(const World& w) {
     for (uint32_t body = 0; body < w.bodies.mesh.size(); ++body)
         if (count_self_crossings(surface_mesh(surfaces_of(w), body)).crossing > 0) return true;
@@ -60,9 +62,11 @@ uint64_t run_scene(const std::string& name, const Run& run) {
         FrameOptions options;
         options.serial = run.serial;
         options.clear_caches = run.clear_caches;
-        search_with_embree(run.embree);
         World world = std::move(small_scene(name).world);
-        search_with_embree(false);
+        if (run.embree) {
+            world.settings.contact.search = TreeSearch::kEmbree;
+            make_trees(world);
+        }
         for (const auto& tree : world.trees) tree->cross_check(run.cross_check);
         Frame frame(std::move(world), options);
         for (uint32_t pass = 0; pass < run.passes; ++pass) {
@@ -91,7 +95,7 @@ TEST_P(Determinism, SameHashForAnyThreadsOrderInstructionSetAndCaches) {
     EXPECT_EQ(run_scene(GetParam(), {1, false, true, false, 90}), reference) << "caches cleared";
     EXPECT_EQ(run_scene(GetParam(), {1, false, false, false, 90, true}), reference) << "rtcPointQuery";
     EXPECT_EQ(run_scene(GetParam(), {2, false, false, false, 90, false, true}), reference) << "signs cross-checked";
-    if (std::string(instruction_set()) == "avx512") {
+    if (isa() == Isa::kAvx512) {
         EXPECT_EQ(run_scene(GetParam(), {1, false, false, true, 90}), reference) << "AVX2 kernels";
     }
 }
@@ -100,7 +104,7 @@ INSTANTIATE_TEST_SUITE_P(Scenes, Determinism, testing::ValuesIn(scene_names()), 
 
 class LongDeterminism : public testing::TestWithParam<std::string> {};
 
-// The issue's own measure: 300 pictures.
+// 300 pictures.
 TEST_P(LongDeterminism, SameHashAfter300Pictures) {
     const uint64_t reference = run_scene(GetParam(), {1, true, false, false, 600});
     for (const uint32_t threads : {1u, 2u, 4u, 8u})

@@ -5,13 +5,14 @@
 #include <functional>
 #include <numbers>
 
-#include "engine/mass_properties.hpp"
-#include "engine/thread_pool.hpp"
-#include "systems/deformable_energy.hpp"
-#include "systems/frame.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "engine/mesh/mass_properties.hpp"
+#include "systems/frame/frame.hpp"
+#include "systems/output/deformable_energy.hpp"
 #include "tests/frame/scenes_under_test.hpp"
+#include "tests/reference/measures.hpp"
 
-// Free rigid bodies in whole frames, against closed forms and conservation laws.
+// Free rigid bodies in whole frames, compared with closed forms and conservation laws.
 namespace {
 using namespace trocar;
 
@@ -53,8 +54,8 @@ Vec3d velocity_of(const World& w, uint32_t b) {
     return w.poses.velocity[b] + w.poses.angular_velocity[b].cross(centre_of(w, b) - w.poses.origin[b]);
 }
 
-// The leapfrog's places are exact under a constant force, however the body turns. Breaks when the first kick is a
-// whole one or the centre of mass is not what falls.
+// Leapfrog positions are exact under a constant force, for any rotation of the body. Breaks when the first
+// kick is not a half kick, or the centre of mass is not the point that falls.
 TEST(FreeBodies, FallOnTheExactParabola) {
     SceneFile scene;
     scene.bodies = {body("probe", "probe", Motion::kFree, 0.2, {0, 0, 1}, 500)};
@@ -82,12 +83,12 @@ Totals totals_of(const World& w) {
     return sum;
 }
 
-// Spinning boxes that hit each other with friction, off centre and edge first: linear and angular momentum stay, energy
-// goes only as the books say, and none appears.
+// Spinning boxes collide with friction, off centre and edge first: linear and angular momentum are conserved,
+// the energy changes only as the energy accounting says, and never grows.
 TEST(FreeBodies, CollisionsKeepMomentumAndTheBooks) {
     SceneFile scene;
     scene.settings.gravity.setZero();
-    scene.settings.contact.push_speed = 0;  // a push-out moves bodies apart and leaves their momenta where they were
+    scene.settings.contact.push_speed = 0;  // position correction keeps momenta but moves bodies
     scene.bodies = {body("a", "box", Motion::kFree, 0.06, {-0.06, 0, 0}), body("b", "box", Motion::kFree, 0.04, {0.03, 0.02, 0.01}),
                     body("c", "sphere", Motion::kFree, 0.05, {0.02, -0.05, 0.02}, 320)};
     for (BodySpec& b : scene.bodies) b.tissue.friction = 0.4;
@@ -116,8 +117,9 @@ TEST(FreeBodies, CollisionsKeepMomentumAndTheBooks) {
     EXPECT_LT(contact, -0.05 * first_energy);
 }
 
-// Head-on collision of two balls: closed form of restitution, v1' = (m1 - e m2) v / (m1 + m2), v2' = (1 + e) m1 v /
-// (m1 + m2). What the facets turn aside is second order in their angle to the line of centres, 3 degrees here.
+// Head-on collision of two balls: closed form of restitution, v1' = (m1 - e m2) v / (m1 + m2), v2' = (1 + e)
+// m1 v / (m1 + m2). The deflection by facets is second order in their angle to the line of centres, 3 degrees
+// here.
 TEST(FreeBodies, BallsBounceByTheirRestitution) {
     const double v = 0.4;
     for (const double e : {0.0, 0.5, 1.0}) {
@@ -139,10 +141,11 @@ TEST(FreeBodies, BallsBounceByTheirRestitution) {
     }
 }
 
-// A ball hits a row of four that touch, or nearly do. Elastic ones keep energy and momentum through all the rows of their
-// facets and all the hits, one after the other or at once (a part where a facet's gap closes just before it is hit); others
-// lose energy. Breaks when impulses of a hit start the next
-// substep (three times the energy), or when rows that open are held back in a hit.
+// A ball hits a line of four that touch or nearly touch. With restitution 1 the energy and momentum are
+// conserved through all contact constraints of the facets and all impacts, successive or simultaneous (except
+// a part where a facet's separation closes just before the impact); with less, energy is lost. Breaks when
+// impact impulses warm-start the next substep (three times the energy), or when constraints that separate are
+// held back during an impact.
 TEST(FreeBodies, ARowOfBallsMakesNoEnergy) {
     for (const double e : {0.5, 1.0}) {
         for (const double gap : {0.0, 1e-3}) {
@@ -173,9 +176,10 @@ TEST(FreeBodies, ARowOfBallsMakesNoEnergy) {
     }
 }
 
-// A box that falls flat on a floor and bounces stays flat: its four corners are hit alike. Heights of its bounces are those of
-// its restitution, h e^2, h e^4; it turns round up to a substep's way v dt above the floor. Breaks when a hit is solved corner by corner
-// and left unfinished, or when a body that the swept test stops falls on for the rest of the substep (2 % of the height).
+// A box that falls flat on a floor and bounces stays flat: its four corners receive equal impulses. The
+// bounce heights follow from restitution, h e^2, h e^4; it reverses up to v dt (one substep) above the floor.
+// Breaks when an impact is solved corner by corner and not to convergence, or when a body stopped by CCD
+// continues to fall for the rest of the substep (2 % of the height).
 TEST(FreeBodies, ABoxThatFallsFlatBouncesFlat) {
     for (const double e : {0.7, 1.0}) {
         const double height = 0.2, fall = std::sqrt(2 * height / kGravity);
@@ -194,15 +198,15 @@ TEST(FreeBodies, ABoxThatFallsFlatBouncesFlat) {
         });
         std::printf("restitution %g: rises %.2f %% and %.2f %% too high\n", e, 100 * (top[0] / (e * e * height) - 1),
                     100 * (top[1] / (std::pow(e, 4) * height) - 1));
-        const double early = (1 - e * e) * kGravity * fall * 1e-3;  // m, higher for turning round v dt above the floor
+        const double early = (1 - e * e) * kGravity * fall * 1e-3;  // m, reversal up to v dt above the floor
         EXPECT_NEAR(top[0], e * e * height, early + 1e-3 * height);
         EXPECT_NEAR(top[1], std::pow(e, 4) * height, 2 * e * early + 1e-3 * height);
         EXPECT_LT(steepest, 1e-3) << "rad";
     }
 }
 
-// A block on a slope, which is gravity turned by the angle: holds below the angle of friction, above it slides with
-// g (sin - mu cos).
+// A block on a slope (gravity rotated by the slope angle) holds below the angle of friction and slides above
+// it with g (sin - mu cos).
 SceneFile slope(double tangent, double friction) {
     const double angle = std::atan(tangent);
     SceneFile scene;
@@ -233,8 +237,8 @@ TEST(FreeBodies, BlockSlidesOnASlopeAsCoulombSays) {
     }
 }
 
-// Ten boxes dropped on each other from 2 mm stand, one above the other, and keep still: within two seconds none is
-// faster than 1 mm/s, nothing trembles by 0.05 mm, and what overlap is left does not grow.
+// Ten boxes dropped on each other from 2 mm stand stacked and still: within two seconds none is faster than 1
+// mm/s, none vibrates by 0.05 mm, and the remaining overlap does not grow.
 TEST(FreeBodies, StackOfTenBoxesSettles) {
     SceneFile scene;
     scene.bodies = {body("table", "box", Motion::kStatic, 0.3, {0, 0, -0.15})};
@@ -270,13 +274,13 @@ TEST(FreeBodies, StackOfTenBoxesSettles) {
     std::printf("stack of ten: fastest %.3g mm/s, moved %.3g um, overlap %.3g um\n", fastest * 1e3, trembling * 1e6, residual * 1e6);
 }
 
-// Columns of eleven boxes that stand askew, 2 mm beside each other, dropped from 1 mm: one island, whose columns have no row in
-// common. They come to rest where they stand, and nothing sways on: what substeps leave does not add up. Breaks when columns are
-// left to sweeps alone (0.1 mm/s for ever).
+// Columns of eleven boxes, each box offset by 2 mm, dropped from 1 mm: one island whose columns share no
+// contact constraint. They come to rest in place without swaying: residuals of substeps do not accumulate.
+// Breaks when columns are solved by sweeps only (0.1 mm/s forever).
 TEST(FreeBodies, ColumnsSideBySideStandStill) {
     constexpr int kHigh = 11;
     constexpr double kEdge = 0.045;
-    const auto place = [](int column, int i) {
+    const auto position_at = [](int column, int i) {
         const double askew = 1.5e-3 * std::sin(2.3 * i + column);
         return Vec3d(column * 0.05 + askew, 1.5e-3 * std::cos(1.7 * i + column), 0.0255 + 0.051 * i);
     };
@@ -285,7 +289,7 @@ TEST(FreeBodies, ColumnsSideBySideStandStill) {
     scene.bodies = {body("floor", "box", Motion::kStatic, 0.6, {0, 0, -0.3})};
     for (int column = 0; column < 2; ++column)
         for (int i = 0; i < kHigh; ++i)
-            scene.bodies.push_back(body("b" + std::to_string(scene.bodies.size()), "box", Motion::kFree, kEdge, place(column, i)));
+            scene.bodies.push_back(body("b" + std::to_string(scene.bodies.size()), "box", Motion::kFree, kEdge, position_at(column, i)));
     for (BodySpec& b : scene.bodies) b.tissue.friction = 0.5;
     double fastest = 0;
     const auto look = [&](const Frame& f) {
@@ -295,17 +299,18 @@ TEST(FreeBodies, ColumnsSideBySideStandStill) {
     };
     run(scene, 2, look, [&](const Frame& f) {
         for (int i = 0; i < 2 * kHigh; ++i) {
-            const Vec3d at = f.world().poses.origin[static_cast<size_t>(i + 1)], from = place(i / kHigh, i % kHigh);
+            const Vec3d at = f.world().poses.origin[static_cast<size_t>(i + 1)], from = position_at(i / kHigh, i % kHigh);
             const double height = (i % kHigh + 0.5) * kEdge;
             EXPECT_LT((at - Vec3d(from.x(), from.y(), height)).norm(), 2e-4) << i;
-            EXPECT_NEAR(at.z(), height, 5e-6 * (i % kHigh + 1)) << i;  // bodies rest within 5 um of what carries them
+            EXPECT_NEAR(at.z(), height, 5e-6 * (i % kHigh + 1)) << i;  // separation below 5 um per contact
         }
     });
     EXPECT_LT(fastest, 3e-6);
     std::printf("columns of eleven: fastest %.3g um/s\n", fastest * 1e6);
 }
 
-// Two bars crossed at 45 degrees touch with their edges alone where the upper one tips over the lower one's side.
+// Two bars crossed at 45 degrees touch only with their edges where the upper one tips over the lower one's
+// side.
 TEST(FreeBodies, P08_BoxTurnedOnABoxStandsOnItsEdges) {
     SceneFile scene;
     scene.bodies = {body("lower", "box", Motion::kStatic, 0.04, {0, 0, -0.02}), body("upper", "box", Motion::kFree, 0.04, {0, 0, 0.0205})};
@@ -317,8 +322,8 @@ TEST(FreeBodies, P08_BoxTurnedOnABoxStandsOnItsEdges) {
     });
 }
 
-// More sweeps asked for than the rows need: what is solved stays solved. Breaks when the conjugate direction divides by a
-// change that is zero (0 / 0 spread to every body of the island).
+// More sweeps than the constraints need: a converged solution is kept. Breaks when the conjugate direction is
+// divided by a zero change (0 / 0 spread to every body of the island).
 TEST(FreeBodies, SweepsBeyondTheSolutionChangeNothing) {
     SceneFile scene;
     scene.bodies = {body("floor", "box", Motion::kStatic, 0.4, {0, 0, -0.2}), body("box", "box", Motion::kFree, 0.09, {0, 0, 0.06})};
@@ -332,8 +337,8 @@ TEST(FreeBodies, SweepsBeyondTheSolutionChangeNothing) {
     });
 }
 
-// A steel ball flies into a soft body of its weight: momentum goes from one to the other. The soft body's particles keep
-// theirs in floats; 1e-6 of the whole is what a second of their roundings may take.
+// A steel ball hits a soft body of equal mass: momentum is transferred. The soft body's particles store
+// momentum in floats; a second of their rounding may change the total by 1e-6.
 TEST(FreeBodies, BallOnASoftBodyKeepsMomentum) {
     SceneFile scene;
     scene.settings.gravity.setZero();
@@ -365,8 +370,8 @@ TEST(FreeBodies, BallOnASoftBodyKeepsMomentum) {
     EXPECT_LT(lost, 0);
 }
 
-// Boxes on each other, a ball on a soft body and one that is fast: the same bits for any number of threads, in either
-// order of running and with caches forgotten.
+// Stacked boxes, a ball on a soft body and a fast one: bit-identical for any number of threads, in either
+// order of execution and with cleared caches.
 TEST(FreeBodies, SameHashForAnyThreadsAndCaches) {
     SceneFile scene;
     scene.bodies = {body("table", "table", Motion::kStatic, 0.6, {0, 0, -0.01}, 400),
@@ -397,15 +402,16 @@ TEST(FreeBodies, SameHashForAnyThreadsAndCaches) {
     EXPECT_EQ(hash(2, false, true), reference) << "caches cleared";
 }
 
-// M18. A ball squeezed by two scripted jaws to a gap smaller than itself: nothing gives way, so the overlap is what
-// geometry leaves, shared or on one side; it does not grow while they hold, and the ball stays between them.
+// M18. A ball squeezed by two scripted jaws to less than its diameter. Nothing can yield, so the remaining
+// overlap follows from geometry, on both sides or on one; it does not grow while the jaws hold, and the ball
+// stays between them.
 TEST(HardCases, M18_RigidBallSqueezedBetweenJaws) {
     SceneFile scene;
     scene.settings.gravity.setZero();
     const double gap = 0.0396;
     for (const double side : {-1.0, 1.0}) {
         BodySpec jaw = body(side < 0 ? "left" : "right", "box", Motion::kKinematic, 0.04, {side * 0.05, 0, 0});
-        KeyframeSpec open, closed;
+        Keyframe open, closed;
         open.position = jaw.position;
         closed.position = Vec3d(side * (0.02 + 0.5 * gap), 0, 0);
         closed.time = 0.5;
@@ -428,8 +434,8 @@ TEST(HardCases, M18_RigidBallSqueezedBetweenJaws) {
     EXPECT_GT(later, 0.4 * (0.04 - gap)) << "never squeezed";
 }
 
-// P19. A ball thrown at a 20 mm table at up to 10 m/s goes past its middle in one pass; it must never be found below it,
-// however it is timed, and bounces as its restitution says.
+// P19. A ball thrown at a 20 mm table at up to 10 m/s moves past the table's middle in one pass. For any
+// phase it must never be found below the table, and it bounces with its restitution.
 TEST(HardCases, P19_FastBallAgainstATable) {
     for (const double speed : {2.0, 5.0, 10.0}) {
         for (const double phase : {0.0, 0.013, 0.031}) {
@@ -448,8 +454,9 @@ TEST(HardCases, P19_FastBallAgainstATable) {
     }
 }
 
-// A blade lands on one end and slaps down with the other, which comes half as fast again: all of it stays above the table. The
-// oracle are its vertices. Breaks when a raised end, whose edges run down through the table's plane, has no rows (8 mm below).
+// A blade lands on one end and slaps down with the other end, half as fast again: all of it stays above the
+// table, as checked by its vertices. Breaks when the raised end, whose edges run down through the table's
+// plane, has no contact constraints (8 mm below).
 TEST(HardCases, P19_ABladeSlapsDownOnATable) {
     double lowest = 0;
     for (int tilt = 0; tilt < 6; ++tilt) {
@@ -480,7 +487,7 @@ TEST(HardCases, P19_FastHandAgainstATable) {
         ToolSpec tool;
         tool.body = "probe";
         tool.tip_radius = 0.007;
-        KeyframeSpec above, start, through;
+        Keyframe above, start, through;
         above.position = start.position = Vec3d(0.02, 0.01, 0.05);
         start.time = 0.1 + phase;
         through.position = Vec3d(0.02, 0.01, -0.06);
@@ -494,8 +501,8 @@ TEST(HardCases, P19_FastHandAgainstATable) {
     }
 }
 
-// A hand jabs into tissue and stays there: it must feel what the tissue does to the tool. Breaks when the swept test holds
-// the tool at the surface, far behind the hand: then no surface is between them and the force is gone.
+// A hand jabs into tissue and stays there: it must feel the tissue's force on the tool. Breaks when CCD holds
+// the tool at the surface, far behind the hand: then no surface is between them and the force is zero.
 TEST(HardCases, P19_AJabIntoTissueIsFelt) {
     ThreadPool pool(1);
     pool.run([] {

@@ -2,36 +2,36 @@
 
 #include <cmath>
 
-#include "engine/device.hpp"
-#include "engine/error.hpp"
-#include "engine/thread_pool.hpp"
+#include "engine/base/error.hpp"
+#include "engine/devices/device.hpp"
+#include "engine/jobs/thread_pool.hpp"
 #include "frame/scenes_under_test.hpp"
-#include "systems/frame.hpp"
-#include "systems/haptic_tick.hpp"
-#include "systems/haptic_tool.hpp"
+#include "systems/frame/frame.hpp"
+#include "systems/haptics/tick.hpp"
+#include "systems/haptics/tool.hpp"
 #include "tests/reference/haptic_rig.hpp"
 #include "tests/reference/local_patches.hpp"
 #include "tests/reference/poked_tissue.hpp"
 
-// What the hand feels beside what the tissue does to the simulated tool, in whole frames.
+// The force on the hand compared with the tissue's force on the simulated tool, in whole frames.
 namespace trocar {
 namespace {
 
-// The forces of one tool's ticks and the mean force of the tissue on the tool's body in every pass.
+// The forces of one tool's ticks, and the mean force of the tissue on the tool's body in every pass.
 struct FeltForces {
     HandTool tool;
     Device device;  // reads from the world while it is stepped
     HapticScratch scratch;
     ToolState state;
-    std::vector<double> time;    // s, of the ticks
-    std::vector<Vec3d> hand;     // m, where the device was
+    std::vector<double> time;    // s, times of the ticks
+    std::vector<Vec3d> hand;     // m, device positions
     std::vector<Vec3d> felt;     // N
-    std::vector<double> middle;  // s, of the passes
+    std::vector<double> middle;  // s, middle of each pass
     std::vector<Vec3d> pushed;   // N
-    double lowest_energy = 0;    // J, of the observer
-    double oldest = 0;           // s, of the surfaces under the forces
+    double lowest_energy = 0;    // J, of the passivity observer
+    double oldest = 0;           // s, largest age of a surface used for a force
 
-    // ticks as the frame will, on the model that it just published
+    // ticks like the frame, on the model that it just published
     void on_pass(const World& w) {
         for (uint64_t k = 0; k < w.clock.period; ++k) {
             const double t = static_cast<double>(w.clock.tick + k) * 1e-3;
@@ -57,7 +57,7 @@ FeltForces feel(World world, uint64_t until) {
         while (w.clock.tick < until) {
             const double start = static_cast<double>(w.clock.tick) * 1e-3;
             frame.step();
-            const double period = static_cast<double>(w.clock.period) * 1e-3;  // of the pass that was
+            const double period = static_cast<double>(w.clock.period) * 1e-3;  // of the previous pass
             ASSERT_EQ((w.haptics.state[0].output.force - f.state.output.force).norm(), 0) << "the frame ticks otherwise";
             f.middle.push_back(start + 0.5 * period);
             f.pushed.push_back(w.haptics.state[0].contact_impulse / period);
@@ -67,11 +67,11 @@ FeltForces feel(World world, uint64_t until) {
     return f;
 }
 
-// Device force against the tissue's over some time (s).
+// Device force compared with the tissue's force over some time (s).
 struct Felt {
-    double felt = 0, pushed = 0;  // N, means of the sizes
+    double felt = 0, pushed = 0;  // N, means of the magnitudes
     double error = 0;             // N, root mean square of the difference
-    double noise = 0;             // N, the same of the difference less its mean
+    double noise = 0;             // N, root mean square of the difference minus its mean
     double step = 0;              // N, root mean square of the change from tick to tick
 };
 Felt compare(const FeltForces& f, double from, double to) {
@@ -95,8 +95,9 @@ Felt compare(const FeltForces& f, double from, double to) {
     return sum;
 }
 
-// Pressed, held and dragged over a liver: the hand feels what the tissue does to the tool. A surface whose vertices were
-// moved on each by its own velocity gave 14 % too much while dragged, 0.41 N of it noise, and 3.4 mJ to the hand.
+// Pressed, held and dragged over a liver: the hand feels the tissue's force on the tool. Breaks when every
+// surface vertex is extrapolated with its own velocity: 14 % too much force while dragged, 0.41 N of it
+// noise, and 3.4 mJ given to the hand.
 TEST(HapticForce, TheHandFeelsWhatTheTissueDoes) {
     const FeltForces f = feel(small_scene("probe_on_liver", "10000").world, 2700);
     struct Part {
@@ -116,17 +117,17 @@ TEST(HapticForce, TheHandFeelsWhatTheTissueDoes) {
     EXPECT_GT(f.lowest_energy, -1e-3);
 }
 
-// A jab faster than any surface, and back out: what the observer books stays above -1 mJ, and since it first touched the hand
-// never got back more than it gave, by the forces that the device was told, each held until the next tick. Breaks when the
-// force that ramps is booked as what the tissue gets (-5.7 mJ).
+// A jab faster than any surface, and back out. The observer's energy stays above -1 mJ, and from the first
+// contact on the hand never receives more energy than it supplied, computed from the commanded forces, each
+// held until the next tick. Breaks when the ramped force is counted as the tissue's (-5.7 mJ).
 TEST(HapticForce, AJabGivesNoEnergy) {
     const FeltForces f = feel(small_scene("probe_on_liver", "10000").world, 5300);
     EXPECT_GT(f.lowest_energy, -1e-3);
     double given = 0, least = 0, largest = 0;
     for (size_t k = 1; k < f.time.size(); ++k) {
         if (f.time[k] < 3.4) continue;
-        const Vec3d way = f.hand[k] - f.hand[k - 1];
-        given -= f.felt[k - 1].dot(way);
+        const Vec3d displacement = f.hand[k] - f.hand[k - 1];
+        given -= f.felt[k - 1].dot(displacement);
         largest = std::max(largest, f.felt[k].norm());
         least = std::min(least, given);
     }
@@ -137,8 +138,9 @@ TEST(HapticForce, AJabGivesNoEnergy) {
     EXPECT_GT(least, -1e-3);
 }
 
-// An arm pokes a liver here and there, 1 to 2 Hz, up to 20 mm deep: by the forces that the device is told, each held until the
-// next tick, no poke gives back more than it took. Breaks when the coupling's damping drives instead of damping.
+// An arm pokes a liver at several positions, at 1 to 2 Hz and up to 20 mm deep. Computed from the commanded
+// forces, each held until the next tick, no poke returns more energy than it took. Breaks when the coupling's
+// damping drives the hand instead of damping it.
 TEST(HapticForce, PokingTissueGivesNoEnergy) {
     World world = small_scene("probe_on_liver", "5000").world;
     reference::poke_at(world, 0, 20, 1);
@@ -154,9 +156,10 @@ TEST(HapticForce, PokingTissueGivesNoEnergy) {
     EXPECT_GT(e.observer, -1e-3);
 }
 
-// A dial that is driven through its detents meets the tool again and again. What the hand feels then is within what the dial
-// takes, friction, detent and damping over the lever, and the blow of the tool's 50 g against the dial's inertia; felt against a
-// surface that does not know of the touch for a pass or two it was 1.1 N.
+// A dial driven through its detents touches the tool repeatedly. The force on the hand stays within the
+// dial's resistance (friction, detent and damping over the lever) plus the impact of the tool's 50 g on the
+// dial's inertia. Breaks when the force is computed from a surface that lags the touch by a pass or two (1.1
+// N).
 TEST(HapticForce, ADrivenDialIsMetWithoutASpike) {
     const FeltForces f = feel(small_scene("dial_and_button", "600").world, 5400);
     double largest = 0;
@@ -169,8 +172,8 @@ TEST(HapticForce, ADrivenDialIsMetWithoutASpike) {
     EXPECT_GT(f.lowest_energy, -1e-4);
 }
 
-// contact.rate: contacts are found so often, no surface under a force is older than the time from one pass to the next, and
-// the hand feels the same tissue.
+// contact.rate sets how often contacts are detected: no surface used for a force is older than one period,
+// and the hand feels the same tissue.
 TEST(HapticForce, ContactsAreFoundAtTheRateOfTheScene) {
     const std::string scene = (source_folder() / "content/scenes/probe_on_liver.toml").string();
     for (const uint32_t rate : {30u, 60u, 120u, 240u}) {
@@ -193,7 +196,7 @@ TEST(HapticForce, ContactsAreFoundAtTheRateOfTheScene) {
 // ---- two tools ----
 
 struct TwoTools {
-    std::vector<std::array<Vec3d, 2>> force, impulse;  // N, on the hands; N s, of the tissue on the tools, in a pass
+    std::vector<std::array<Vec3d, 2>> force, impulse;  // N, on the hands; N s per pass, on the tools
     std::vector<Vec3d> momentum;                       // N s, of the tissue after a pass
 };
 Vec3d momentum_of(const World& w, uint32_t body) {
@@ -203,12 +206,13 @@ Vec3d momentum_of(const World& w, uint32_t body) {
             sum += Vec3d(w.particles.velocity_x[p], w.particles.velocity_y[p], w.particles.velocity_z[p]) / double(w.particles.offset[p].w);
     return sum;
 }
-// Two hands on a liver that floats freely; the tools stand in the world's list as the scene says, or the other way round.
+// Two hands on a free-floating liver; the tools are stored in the scene's order or swapped.
 TwoTools press_with_two(bool swapped) {
     const std::string file = (source_folder() / "content/scenes/two_tools.toml").string();
     SceneFile scene = read_scene_file(
         file, {{"liver.triangles", "2000"}, {"liver.anchor", "shape"}, {"liver.fixed_below", "-1"}, {"liver.tissue.damping", "0"}});
-    scene.tools[1].path[1].time = 0.5, scene.tools[1].path[2].time = 1.0;  // both at once: a liver that floats is soon gone
+    scene.tools[1].path[1].time = 0.5, scene.tools[1].path[2].time = 1.0;  // both at once: a floating liver
+                                                                           // drifts
     if (swapped) std::swap(scene.tools[0], scene.tools[1]);
     TwoTools seen;
     ThreadPool pool(0);
@@ -227,8 +231,8 @@ TwoTools press_with_two(bool swapped) {
     return seen;
 }
 
-// T17. Two tools on one tissue: what it gains in momentum the two lose, pass by pass, and neither hand's force depends on
-// which tool comes first.
+// T17. Two tools on one tissue: the tissue gains the momentum that the tools lose, pass by pass, and neither
+// hand's force depends on the order of the tools.
 TEST(HapticForce, T17_TwoToolsOnOneTissueBalanceAndAreAlike) {
     const TwoTools one = press_with_two(false), other = press_with_two(true);
     ASSERT_EQ(one.force.size(), other.force.size());
@@ -252,7 +256,7 @@ TEST(HapticForce, T17_TwoToolsOnOneTissueBalanceAndAreAlike) {
 
 // ---- texture ----
 
-// A long strip whose height waves along x.
+// A long strip with a height that is a sine of x.
 Mesh waved_strip(double length, double wave, double height) {
     Mesh mesh;
     const uint32_t n = static_cast<uint32_t>(length / (wave / 32));
@@ -269,8 +273,8 @@ Mesh waved_strip(double length, double wave, double height) {
     return mesh;
 }
 
-// T19. A stiff texture under a hand that is drawn over it at 1 kHz: the force waves as a mass on a spring says,
-// K a m w^2 / (m w^2 - K) (w above resonance), with nothing of its own added: no buzz.
+// T19. A stiff texture drawn under a hand at 1 kHz: the force oscillates like a mass on a spring, K a m w^2 /
+// (m w^2 - K) (w above resonance), without any added vibration.
 TEST(HapticForce, T19_AStiffTextureIsFeltWithoutBuzz) {
     constexpr double kWave = 4e-3, kHeight = 3e-5, kPush = -1.0, kLength = 0.14, kStart = 0.01;
     for (const double frequency : {30.0, 60.0, 100.0}) {
@@ -279,7 +283,8 @@ TEST(HapticForce, T19_AStiffTextureIsFeltWithoutBuzz) {
         const double stiffness = rig.tool.coupling_stiffness, rate = 2 * M_PI * frequency, speed = frequency * kWave;
         reference::FreeDevice device;
         const double inertia = device.mass * rate * rate, wave = kHeight * stiffness * inertia / (inertia - stiffness);
-        // on its path from the start: below the resting height by the push, swinging against the texture
+        // on its path from the start: below the resting height by the contact force, oscillating in antiphase
+        // to the texture
         const double swing = -kHeight * stiffness / (inertia - stiffness), phase = 2 * M_PI * kStart / kWave;
         rig.at({kStart, 0, 0.01});
         rig.go({kStart, 0, reference::kRigRadius + kPush / stiffness + swing * std::sin(phase)}, 0.1);

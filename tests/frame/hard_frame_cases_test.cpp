@@ -2,22 +2,22 @@
 
 #include <cmath>
 
-#include "engine/thread_pool.hpp"
-#include "systems/frame.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "systems/frame/frame.hpp"
 #include "tests/frame/scenes_under_test.hpp"
 
 // Hard cases that need a whole frame.
 namespace {
 using namespace trocar;
 
-KeyframeSpec key(double time, double z) {
-    KeyframeSpec k;
+Keyframe key(double time, double z) {
+    Keyframe k;
     k.time = time;
     k.position = Vec3d(0, 0, z);
     return k;
 }
 
-// A probe in a scripted hand that goes through a wall 1 mm thick; it arrives `late` seconds into a contact pass.
+// A probe in a scripted hand goes through a wall 1 mm thick; it arrives `late` seconds into a contact pass.
 SceneFile wall_scene(double late, double tip_radius) {
     SceneFile scene;
     scene.settings.gravity.setZero();
@@ -41,10 +41,10 @@ SceneFile wall_scene(double late, double tip_radius) {
     return scene;
 }
 
-// P19. At more than half a metre a second the probe covers twelve times the wall in a contact pass. Wherever in the
-// pass it arrives, contact is found and it does not go through: the middle of its tip stays on this side. It is
-// pushed out again unless its end has passed the middle of the wall, from where the other side is nearer. The proxy that
-// the hand feels never enters.
+// P19. At more than half a metre a second the probe covers twelve times the wall's thickness in a contact
+// pass. For any phase of arrival the contact is found and the centre of the tip stays on its side. The tip is
+// pushed out again unless its end has passed the middle of the wall, from where the other side is nearer. The
+// haptic proxy never enters the wall.
 TEST(HardCases, P19_FastToolAgainstAMillimetreWall) {
     ThreadPool pool(1);
     pool.run([] {

@@ -1,5 +1,5 @@
-// Loads that have blown up: what is pressed flat, what rests for long, what is held far from its middle. Everything but the load is as
-// a scene gets it that says nothing.
+// Loads that are prone to instability: bodies pressed flat, resting for long, or held far from their centre.
+// All scene values except the load are defaults.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -10,13 +10,13 @@ namespace {
 using namespace trocar;
 
 struct Books {
-    double peak = 0, worst = 0;                // J, largest elastic energy, largest gap of the energy books
+    double peak = 0, worst = 0;                // J, largest elastic energy, largest accounting error
     double kinetic = 0;                        // J, largest in the second half
     double contact_half = 0, contact_end = 0;  // J, work of contacts
     uint64_t lost = 0;
 };
 
-Books keep_books(const std::string& scene, int passes, const std::vector<Override>& overrides = {}) {
+Books keep_account(const std::string& scene, int passes, const std::vector<Override>& overrides = {}) {
     Books books;
     run(std::move(WrittenScene("hard_loads", scene).build(overrides).world), passes, [&](const Frame& f, int pass) {
         const Energy& e = f.world().energy;
@@ -30,10 +30,11 @@ Books keep_books(const std::string& scene, int passes, const std::vector<Overrid
     return books;
 }
 
-// A box of 10 kg on a soft pad presses tetrahedra to less than half their volume, where they are stiffer than the limit of the step
-// knows. Without finer steps (finer_steps) all particles are lost within 0.25 s.
+// A box of 10 kg on a soft pad compresses tetrahedra to less than half their volume, where they are stiffer
+// than the step limit assumes. Breaks without finer steps (finer_steps): all particles are lost within 0.25
+// s.
 TEST(HardLoads, ABoxOfTenKilogramsOnASoftPad) {
-    const Books books = keep_books(R"(
+    const Books books = keep_account(R"(
 [[body]]
 name = "floor"
 shape = "table"
@@ -62,13 +63,14 @@ motion = "free"
 mass = 10.0
 position = [0.0, 0.0, 0.145]
 )",
-                                   45);
+                                     45);
     EXPECT_EQ(books.lost, 0u);
-    EXPECT_GT(books.peak, 2.0);  // it is pressed
+    EXPECT_GT(books.peak, 2.0);  // check that it is pressed
     EXPECT_LT(books.worst, 0.01 * books.peak);
 }
 
-// Jaws that close to a quarter and stand still: without finer steps the block gains energy from nothing until all is lost.
+// Jaws close to a quarter and stop. Breaks without finer steps: the block gains energy from nothing until all
+// particles are lost.
 TEST(HardLoads, JawsThatStandStillPutNothingIn) {
     const std::string jaw = R"(
 triangles = 300
@@ -76,7 +78,7 @@ shape = "box"
 size = 0.06
 motion = "kinematic"
 )";
-    const Books books = keep_books(R"(
+    const Books books = keep_account(R"(
 gravity = [0.0, 0.0, 0.0]
 [[body]]
 name = "block"
@@ -96,7 +98,7 @@ name = "left")" + jaw + R"(path = [{time = 0.0, position = [-0.052, 0, 0]}, {tim
 [[body]]
 name = "right")" + jaw + R"(path = [{time = 0.0, position = [0.052, 0, 0]}, {time = 0.5, position = [0.035, 0, 0]}]
 )",
-                                   60);
+                                     60);
     EXPECT_EQ(books.lost, 0u);
     EXPECT_GT(books.peak, 0.3);
     EXPECT_LT(books.worst, 1e-3 * books.peak);
@@ -120,20 +122,21 @@ position = [0.0, 0.0, 0.06]
 youngs_modulus = 1e5
 )";
 
-// A floor does no work on a soft box that lies on it. With one sweep, which starts from nothing, the box shakes with 1.8 mJ for ever
-// and the floor puts 1 mJ a second in: the second half says that this scene can tell.
+// A floor does no work on a soft box resting on it. With a single sweep without warm starting the box would
+// vibrate with 1.8 mJ forever while the floor supplies 1 mJ/s: the second half checks that this scene reveals
+// it.
 TEST(HardLoads, ASoftBoxComesToRest) {
-    const Books usual = keep_books(kBoxAtRest, 600);
+    const Books usual = keep_account(kBoxAtRest, 600);
     EXPECT_LT(usual.kinetic, 1e-4);
     EXPECT_LT(usual.contact_end - usual.contact_half, 1e-5);
-    const Books one = keep_books(kBoxAtRest, 600, {{"contact.iterations", "1"}});
+    const Books one = keep_account(kBoxAtRest, 600, {{"contact.iterations", "1"}});
     EXPECT_GT(one.kinetic, 1e-3);
 }
 
-// Links hold nodes where they were, here up to five radii from the middle of the ball that holds them: the step must know that arm. With
-// the ball's own radius for it the energy is 3.9 MJ after 2 s.
+// Links hold nodes at positions up to five radii from the centre of the holding ball: the step limit must
+// include that lever arm. Breaks when it uses the ball's own radius: 3.9 MJ after 2 s.
 TEST(HardLoads, ABallHeldFarFromItsMiddle) {
-    const Books books = keep_books(R"(
+    const Books books = keep_account(R"(
 [[body]]
 name = "ball"
 shape = "sphere"
@@ -157,13 +160,14 @@ to = "ball"
 sphere = [0.05, 0.0, 0.03, 0.03]
 frame = "rest"
 )",
-                                   60);
+                                     60);
     EXPECT_EQ(books.lost, 0u);
     EXPECT_LT(books.kinetic, 1e-3);
 }
 
-// Four soft boxes on a floor, a hundred sweeps a substep, so that contact rows take most of the time: islands that run side by side
-// share the wall time. Breaks when the time of their threads is added up, which is up to four times as much.
+// Four soft boxes on a floor with a hundred sweeps per substep, so that contact constraints take most of the
+// time; parallel islands share the wall time. Breaks when the times of their threads are summed, up to four
+// times as much.
 TEST(FrameTimes, TheResponseIsPartOfTheWallTimeOfTheAdvance) {
     std::string text = "[contact]\niterations = 100\n[[body]]\nname = \"floor\"\nshape = \"table\"\nsize = 2.0\ntriangles = 200\n";
     for (int k = 0; k < 4; ++k)
@@ -174,7 +178,7 @@ TEST(FrameTimes, TheResponseIsPartOfTheWallTimeOfTheAdvance) {
     run(
         WrittenScene("response", text).build().world, 40,
         [&](const Frame& frame, int) {
-            const size_t row = static_cast<size_t>(std::ranges::find(frame.stage_names(), "advance") - frame.stage_names().begin());
+            const uint32_t row = frame.row_of(StageId::kAdvance);
             EXPECT_LE(frame.times().response_ns, frame.times().stage_ns[row]);
             response += frame.times().response_ns, advance += frame.times().stage_ns[row];
         },

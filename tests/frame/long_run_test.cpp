@@ -1,5 +1,6 @@
-// What a run of days meets. S02, S03: clocks and counters near where 32-bit ones would wrap; what does not depend on the time of day goes
-// on to the bit as it does from a clock at zero. S04 to S06: denormals, libraries that change the float mode, clocks that are set.
+// Conditions of runs that last for days. S02, S03: clocks and counters near 32-bit overflow; everything
+// independent of the time of day continues bit for bit as from a clock at zero. S04 to S06: denormals,
+// libraries that change the float mode, clocks that are set.
 #include <gtest/gtest.h>
 #include <xmmintrin.h>
 
@@ -10,20 +11,22 @@
 #include <sstream>
 #include <vector>
 
-#include "content/build_scene.hpp"
-#include "content/scene_file.hpp"
-#include "engine/parallel.hpp"
-#include "engine/state_hash.hpp"
-#include "engine/thread_pool.hpp"
+#include "content/scene/build_scene.hpp"
+#include "content/scene/scene_file.hpp"
+#include "engine/files/state_hash.hpp"
+#include "engine/jobs/parallel.hpp"
+#include "engine/jobs/thread_pool.hpp"
 #include "tests/frame/written_scene.hpp"
 #include "tests/reference/paths.hpp"
 namespace trocar {
 namespace {
 
 constexpr uint32_t kRate = 60;             // Hz
-constexpr uint64_t kWholeSeconds = kRate;  // passes: milliseconds of a pass repeat every third, bodies of a pool come every fortieth
+constexpr uint64_t kWholeSeconds = kRate;  // passes: the milliseconds of a pass repeat every third one,
+                                           // bodies of a pool are spawned every fortieth
 
-// Pass from which `before` passes lead to where a count of milliseconds, or of passes, needs one bit more than `bits`.
+// The pass `before` passes ahead of the one at which the number of milliseconds, or of passes, needs more
+// than `bits` bits.
 uint64_t pass_before_tick(int bits, uint64_t before) {
     const uint64_t pass = (uint64_t{1} << bits) / 1000 * kRate - before;
     return pass / kWholeSeconds * kWholeSeconds;
@@ -38,7 +41,8 @@ void start_clock(World& w, uint64_t pass) {
     w.clock.picture = pass * w.clock.display_rate / w.clock.contact_rate;
 }
 
-// What `look` says after each of some passes of a world whose clock starts at `pass`, whose ticks must follow the integer rule.
+// Results of `look` after each of some passes of a world whose clock starts at `pass`; checks that the ticks
+// follow the integer rule.
 template <typename Look>
 std::vector<uint64_t> tell(World world, uint64_t pass, int passes, const Look& look) {
     std::vector<uint64_t> told;
@@ -81,13 +85,13 @@ TEST(LongRun, S03_BodiesComeAndGoAsTheyDoFromZero) {
             build_scene(read_scene_file(source_folder() / "content/scenes/stress_come_and_go.toml", values), Looks::kPlain).world);
         EXPECT_EQ(w.pools.rate[0], kBodiesASecond);
         EXPECT_EQ(w.pools.life[0], kLife);
-        w.lives.came[0] = pass / kRate * uint64_t(kBodiesASecond);  // as if they had come and gone all the time
+        w.spawning.came[0] = pass / kRate * uint64_t(kBodiesASecond);  // as if bodies had been spawned and removed
         return w;
     };
     const auto there = [](const World& w) {
         StateHash h;
-        for (const uint8_t away : w.lives.away) h.add(away);
-        for (const uint32_t generation : w.lives.generation) h.add(generation);
+        for (const uint8_t away : w.spawning.away) h.add(away);
+        for (const uint32_t generation : w.spawning.generation) h.add(generation);
         return h.value;
     };
     constexpr int kPasses = 2 * int(kWholeSeconds);
@@ -128,11 +132,12 @@ start = )" + start + "\n")
     const std::vector<uint64_t> from_zero = tell(world(0), 0, kPasses, force);
     ASSERT_NE(from_zero[0], from_zero[25]);
     ASSERT_EQ(from_zero[0], from_zero[110]);
-    for (const uint64_t pass : {pass_before_tick(31, 30), pass_before_tick(32, 30)})  // starts are seconds up to 1e9 in doubles
+    for (const uint64_t pass : {pass_before_tick(31, 30), pass_before_tick(32, 30)})  // start times are doubles of up to 1e9 seconds
         EXPECT_EQ(tell(world(pass), pass, kPasses, force), from_zero) << pass;
 }
 
-// Motion that dies away must not end in numbers that cost a hundred times as much. Breaks when a worker keeps its own float mode.
+// Decaying motion must not end in denormals, which cost a hundred times as much. Breaks when a worker thread
+// keeps its own float mode.
 TEST(LongRun, S04_DecayEndsInZeroOnEveryThread) {
     constexpr uint32_t kItems = 4096;
     std::vector<float> left(kItems);
@@ -151,7 +156,7 @@ TEST(LongRun, S04_DecayEndsInZeroOnEveryThread) {
     EXPECT_EQ(left, std::vector<float>(kItems, 0.0f));
 }
 
-// Breaks when a pass trusts the mode that it finds.
+// Breaks when a pass relies on the float mode set by the caller.
 TEST(LongRun, S05_AChangedFloatModeIsPutRightBeforeThePass) {
     const auto hash_after = [](bool change) {
         StateHash h;

@@ -1,4 +1,4 @@
-// The tree of nodes: folded poses, groups that are switched, and bodies with one coordinate, in whole frames.
+// The node tree: folded poses, groups that are switched, and bodies with one coordinate, in whole frames.
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
@@ -8,13 +8,13 @@
 #include <functional>
 #include <numbers>
 
-#include "engine/capture_file.hpp"
-#include "engine/error.hpp"
+#include "engine/base/error.hpp"
+#include "engine/files/capture_file.hpp"
 #include "engine/geometry/quaternion.hpp"
-#include "engine/mass_properties.hpp"
-#include "engine/node_drive.hpp"
-#include "engine/thread_pool.hpp"
-#include "systems/frame.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "engine/mesh/mass_properties.hpp"
+#include "engine/motion/node_drive.hpp"
+#include "systems/frame/frame.hpp"
 #include "tests/frame/scenes_under_test.hpp"
 #include "tests/frame/written_scene.hpp"
 namespace {
@@ -77,8 +77,8 @@ Eigen::Affine3d frame_of(const Vec3d& position, const Vec3d& axis, double degree
     return Eigen::Translation3d(position) * Eigen::AngleAxisd(degrees * M_PI / 180, axis.normalized()) * Eigen::Scaling(scale);
 }
 
-// Every vertex where the product of 4 x 4 matrices puts it. Breaks when a parent comes after its child, or a scale does not
-// reach the places below it.
+// Compares every vertex with the product of 4 x 4 matrices. Breaks when a parent is processed after its
+// child, or a scale does not affect the positions below it.
 TEST(Nodes, PlacesAreTheProductOfTheFramesAbove) {
     const World w = world_of(kTree);
     const Eigen::Affine3d table = frame_of({1, 2, 3}, {0, 0, 1}, 90, 2), tray = table * frame_of({0.1, 0, 0.2}, {1, 0, 0}, 30, 1),
@@ -96,7 +96,7 @@ TEST(Nodes, PlacesAreTheProductOfTheFramesAbove) {
         EXPECT_NEAR(s.meshes.position[s.meshes.info[w.bodies.mesh[1]].vertices.first + v].norm(), 0.1, 1e-12) << "0.5 m * 0.1 * 2";
     run_for(world_of(kTree), 0.5, [&](Frame& f) {
         if (f.world().clock.pass != 30) return;
-        // the stage placed it where the last pass began
+        // the stage moved it to its pose at the start of the last pass
         const double t = 1e-3 * static_cast<double>(pass_tick(29, 60));
         EXPECT_LT((f.world().poses.origin[1] - tray * Vec3d(0.4 * t * t * (3 - 2 * t), 0, 0.5)).norm(), 1e-12)
             << "between two keys paths run by 3 t^2 - 2 t^3";
@@ -164,15 +164,16 @@ velocity = [1.0, 0.0, 2.0]
 spin = [0.0, 3.0, 1.0]
 )";
 
-// What lies on a disabled board falls through it by the closed form; a disabled body keeps every bit of its state, and goes on
-// as if no time had passed. Breaks when a child of a switched node stays, or a body that is off moves.
+// A body on a board that is disabled falls through it by the closed form. A disabled body keeps every bit of
+// its state and continues as if no time had passed. Breaks when a child of a switched node stays active, or a
+// disabled body moves.
 TEST(Nodes, ADisabledGroupIsNeitherTouchedNorMoved) {
     std::vector<Vec3d> path;  // of the flyer, after each pass
     double rest = 0;
     run_for(world_of(kShelf), 0.9, [&](Frame& f) {
         const World& w = f.world();
         path.push_back(w.poses.origin[2]);
-        const uint64_t pass = w.clock.pass;  // passes done
+        const uint64_t pass = w.clock.pass;  // completed passes
         if (pass == 30) rest = w.poses.origin[1].z();
         if (pass > 30 && pass <= 42) {
             EXPECT_EQ(path[pass - 1], path[29]) << pass;
@@ -180,13 +181,13 @@ TEST(Nodes, ADisabledGroupIsNeitherTouchedNorMoved) {
                 EXPECT_EQ(w.picture.body[0].mesh, kNone);
             }
             const double t = 1e-3 * static_cast<double>(w.clock.tick - pass_tick(30, 60));
-            // it slept there, so its first kick is half a one: velocities are half a step behind places
+            // it slept there, so its first kick is a half kick: velocities are half a step behind positions
             EXPECT_NEAR(w.poses.origin[1].z(), rest - 0.5 * 9.81 * t * t, 1e-6) << pass;
         }
     });
     EXPECT_NEAR(rest, 0.05, 2e-4);
     EXPECT_NE(path[42], path[29]);
-    // 0.2 s later by its own clock
+    // its own clock is 0.2 s behind
     const Vec3d start(5, 0, 0), speed(1, 0, 2);
     for (size_t p = 42; p < path.size(); ++p) {
         const double t = 1e-3 * static_cast<double>(pass_tick(p + 1, 60) - (pass_tick(42, 60) - pass_tick(30, 60)));
@@ -210,8 +211,9 @@ void set_rate(World& w, double rate) {
     (turns(drive) ? w.poses.angular_velocity : w.poses.velocity)[drive.body] = rate * drive.axis;
 }
 
-// A slider on a spring with a damper: m q'' + c q' + k q = 0 from q' = v, at every pass; the axis is any, and the body stays on
-// it to the last digits. Breaks when the mass is not the body's, or the first kick is a whole one.
+// A slider with spring and damper: m q'' + c q' + k q = 0 from q' = v, checked at every pass, for any axis;
+// the body stays on the axis to rounding. Breaks when the mass is not the body's, or the first kick is not a
+// half kick.
 TEST(DrivenBodies, SpringAndDamperFollowTheClosedForm) {
     const double k = 400, c = 0.1, v = 0.2;
     World world = world_of(driven("behaviour = \"slider\"\nstiffness = 400.0\ndamping = 0.1\n"));
@@ -223,21 +225,21 @@ TEST(DrivenBodies, SpringAndDamperFollowTheClosedForm) {
     run_for(std::move(world), 0.5, [&](Frame& f) {
         const World& w = f.world();
         const double t = seconds_of(f), q = v / omega * std::exp(-decay * t) * std::sin(omega * t);
-        // of leapfrog steps of a millisecond: the spring's phase is off by (w dt)^2 / 24 a radian, that of damping before the kick
-        // by decay dt / 2
+        // error of leapfrog with steps of a millisecond: the phase error per radian is (w dt)^2 / 24 from the
+        // spring, and decay dt / 2 from damping before the kick
         const double dt = 1e-3, phase = (omega * omega * dt * dt / 24 + 0.5 * decay * dt) * omega * t;
-        EXPECT_LT(std::abs(w.node_state.drive[0].place - q), 1.1 * (phase + decay * dt) * v / omega * std::exp(-decay * t)) << t;
+        EXPECT_LT(std::abs(w.node_state.drive[0].coordinate - q), 1.1 * (phase + decay * dt) * v / omega * std::exp(-decay * t)) << t;
         largest = std::max(largest, std::abs(q));
-        const Vec3d way = w.poses.origin[0] - drive.origin;
-        EXPECT_LT(way.cross(drive.axis).norm(), 4e-16);
+        const Vec3d displacement = w.poses.origin[0] - drive.origin;
+        EXPECT_LT(displacement.cross(drive.axis).norm(), 4e-16);
         EXPECT_EQ(w.poses.orientation[0].w, drive.orientation.w);
         EXPECT_LT(std::abs(w.energy.balance), 0.01 * 0.5 * kMass * v * v);
     });
     EXPECT_GT(largest, 0.5 * v / omega);
 }
 
-// A dial off its axis: I about the axis by hand (cube: m s^2 / 6 about any axis, and Steiner), a torque from a spring far away:
-// angle = rest (1 - cos(sqrt(k/I) t)), at first 1/2 torque/I t^2.
+// A dial off its axis, with I about the axis computed by hand (cube: m s^2 / 6 about any axis, plus Steiner)
+// and a torque from a distant spring: angle = rest (1 - cos(sqrt(k/I) t)), initially 1/2 torque/I t^2.
 TEST(DrivenBodies, ADialTurnsByTorqueOverInertia) {
     World world = world_of(driven("behaviour = \"dial\"\nstiffness = 1e-4\nrest = 5729.5779513082325\n",
                                   "position = [0.03, 0.0, 0.0]\n"));  // 100 rad: 0.01 N m
@@ -249,7 +251,7 @@ TEST(DrivenBodies, ADialTurnsByTorqueOverInertia) {
     run_for(std::move(world), 0.3, [&](Frame& f) {
         const World& w = f.world();
         const double t = seconds_of(f), angle = 100 * (1 - std::cos(omega * t));
-        EXPECT_NEAR(w.node_state.drive[0].place, angle, 1e-3 * angle);
+        EXPECT_NEAR(w.node_state.drive[0].coordinate, angle, 1e-3 * angle);
         EXPECT_NEAR(0.5 * 0.01 / inertia * t * t, angle, 0.1 * angle);
         const Vec3d arm = w.poses.origin[0] - Vec3d(0.3, 0.1, 0.2);
         EXPECT_NEAR(arm.cross(drive.axis).norm(), radius, 1e-14) << "it stays on its circle";
@@ -257,14 +259,14 @@ TEST(DrivenBodies, ADialTurnsByTorqueOverInertia) {
     });
 }
 
-// Coulomb friction stops it after I w^2 / (2 T), at I w / T, and holds it there.
+// Coulomb friction stops it at the angle I w^2 / (2 T), at the time I w / T, and holds it there.
 TEST(DrivenBodies, DryFrictionStopsADialAtTheComputedAngle) {
     World world = world_of(driven("behaviour = \"dial\"\nfriction = 2e-5\n"));
     const double inertia = kMass * kSide * kSide / 6, w0 = 10, stop = 0.5 * inertia * w0 * w0 / 2e-5, at = inertia * w0 / 2e-5;
     set_rate(world, w0);
     double last = -1;
     run_for(std::move(world), 1.5 * at, [&](Frame& f) {
-        const double t = seconds_of(f), q = f.world().node_state.drive[0].place;
+        const double t = seconds_of(f), q = f.world().node_state.drive[0].coordinate;
         if (t < at - 0.01) {
             EXPECT_NEAR(q, w0 * t - 0.5 * 2e-5 / inertia * t * t, 2e-3 * stop);
         }
@@ -277,8 +279,8 @@ TEST(DrivenBodies, DryFrictionStopsADialAtTheComputedAngle) {
     EXPECT_NEAR(last, stop, 2e-3 * stop);
 }
 
-// Twelve detents of 2 mN m, damped so that it does not swing: 1.8 mN m leave it in the first notch, 2.2 carry it through the others to its
-// limit.
+// Twelve detents of 2 mN m, overdamped: a torque of 1.8 mN m leaves it in the first notch, 2.2 mN m turns it
+// past the others to its limit.
 TEST(DrivenBodies, DetentsHoldBelowTheirTorqueAndGiveWayAbove) {
     for (const double torque : {1.8e-3, 2.2e-3}) {
         char text[400];
@@ -286,27 +288,28 @@ TEST(DrivenBodies, DetentsHoldBelowTheirTorqueAndGiveWayAbove) {
                       "behaviour = \"dial\"\ndamping = 2.5e-4\ndetents = 12\ndetent = 2e-3\nlimits = [-90.0, 200.0]\nstiffness = "
                       "1e-5\nrest = %.12g\n",
                       torque / 1e-5 * 180 / M_PI);
-        double place = 0;
+        double coordinate = 0;
         uint32_t notches = 0, limits = 0;
         run_for(world_of(driven(text)), 2, [&](Frame& f) {
             const DriveState& d = f.world().node_state.drive[0];
-            place = d.place;
+            coordinate = d.coordinate;
             notches = d.events.count[static_cast<size_t>(NodeEventKind::kDetent)];
             limits = d.events.count[static_cast<size_t>(NodeEventKind::kLimit)];
-            EXPECT_LE(d.place, 200 * M_PI / 180);
+            EXPECT_LE(d.coordinate, 200 * M_PI / 180);
         });
         if (torque < 2e-3) {
-            EXPECT_NEAR(place, std::asin(torque / 2e-3) / 12, 2e-3) << "where spring and detent are even";
+            EXPECT_NEAR(coordinate, std::asin(torque / 2e-3) / 12, 2e-3) << "where spring and detent are even";
             EXPECT_EQ(notches, 0u);
         } else {
-            EXPECT_DOUBLE_EQ(place, 200 * M_PI / 180);
+            EXPECT_DOUBLE_EQ(coordinate, 200 * M_PI / 180);
             EXPECT_EQ(notches, 7u) << "at 15, 45, ... 195 degrees";
             EXPECT_EQ(limits, 1u);
         }
     }
 }
 
-// The click is a force with a potential: drive_force is minus its slope everywhere, whatever is switched on.
+// The detent force has a potential: drive_force is minus its gradient everywhere, for all combinations of
+// options.
 TEST(DrivenBodies, TheForceIsTheSlopeOfTheEnergy) {
     NodeDrive d;
     d.stiffness = 300, d.rest = -1e-3, d.click_at = 2e-3, d.click_width = 5e-4, d.click = 0.7, d.detents = 900, d.detent = 0.2;
@@ -357,34 +360,35 @@ time = 1.0
 position = [0.002, 0.001, 0.013]
 )";
 
-// Held still, three forces are one: of the spring on the button, of the tissue on the simulated tool, to the hand; and the
-// place is that of two springs in a row. Breaks when the tick does not see where the button is.
+// At rest three forces are equal: the spring's on the button, the tissue's on the simulated tool, and the
+// hand's; the position is that of two springs in series. Breaks when the tick does not know the button's
+// position.
 TEST(DrivenBodies, TheHandFeelsTheSpringOfAPressedButton) {
-    double worst_books = 0;
+    double worst_energy_error = 0;
     run_for(world_of(kPress), 1, [&](Frame& f) {
         const World& w = f.world();
-        worst_books = std::max(worst_books, std::abs(w.energy.balance));
+        worst_energy_error = std::max(worst_energy_error, std::abs(w.energy.balance));
         if (w.clock.pass < 60) return;
-        const double q = w.node_state.drive[0].place, spring = 350 * (q + 0.001);
+        const double q = w.node_state.drive[0].coordinate, spring = 350 * (q + 0.001);
         const ToolState& tool = w.haptics.state[0];
-        // the device is 4 mm beyond touching: 600 (4 mm - q) = 350 (q + 1 mm)
+        // the device is 4 mm past first contact: 600 (4 mm - q) = 350 (q + 1 mm)
         EXPECT_NEAR(q, (600 * 0.004 - 350 * 0.001) / 950, 2e-5);
         EXPECT_NEAR(tool.command.force.norm(), spring, 0.01 * spring);
         EXPECT_NEAR(tool.command.force.z(), spring, 0.01 * spring);
         EXPECT_NEAR(tool.contact_impulse.norm() / (1e-3 * w.clock.period), spring, 0.01 * spring);
-        EXPECT_LT(worst_books, 0.01 * w.energy.work_hand) << "of the work of the hand";
+        EXPECT_LT(worst_energy_error, 0.01 * w.energy.work_hand) << "of the work of the hand";
         EXPECT_EQ(w.node_state.drive[0].events.count[static_cast<size_t>(NodeEventKind::kPressed)], 0u) << "4 mm were not reached";
     });
 }
 
-// Pressed beyond its travel it stands at its stop, and the hand feels the coupling against it.
+// Pressed beyond its travel the button is at its stop, and the hand feels the coupling against it.
 TEST(DrivenBodies, AButtonStandsAtItsStop) {
     World world = std::move(WrittenScene("nodes", kPress).build({{"node.button.limits", "[0.0, 0.001]"}}).world);
     run_for(std::move(world), 1, [&](Frame& f) {
         const World& w = f.world();
-        EXPECT_LE(w.node_state.drive[0].place, 0.001);
+        EXPECT_LE(w.node_state.drive[0].coordinate, 0.001);
         if (w.clock.pass < 60) return;
-        EXPECT_DOUBLE_EQ(w.node_state.drive[0].place, 0.001);
+        EXPECT_DOUBLE_EQ(w.node_state.drive[0].coordinate, 0.001);
         EXPECT_NEAR(w.haptics.state[0].command.force.z(), 600 * 0.003, 0.01 * 600 * 0.003);
         EXPECT_EQ(w.node_state.drive[0].events.count[static_cast<size_t>(NodeEventKind::kPressed)], 1u);
         EXPECT_LT(w.report.deepest_residual, 1e-5);
@@ -393,8 +397,8 @@ TEST(DrivenBodies, AButtonStandsAtItsStop) {
 
 World small_panel() { return std::move(small_scene("dial_and_button", "400").world); }
 
-// The scene: pressed and released once, the lamp on, the dial through its detents; the same bits on any number of threads,
-// and after a state was saved and loaded.
+// The scene's events: the button is pressed and released once, the lamp is on, the dial turns through its
+// detents; bit-identical for any number of threads, and after saving and loading a state.
 TEST(DrivenBodies, TheSceneOfDialAndButtonGoesThroughItsEvents) {
     uint64_t hash[2] = {0, 0};
     for (const uint32_t threads : {1u, 2u}) {
@@ -411,9 +415,9 @@ TEST(DrivenBodies, TheSceneOfDialAndButtonGoesThroughItsEvents) {
                 EXPECT_EQ(count(0, NodeEventKind::kReleased), 1u);
                 EXPECT_EQ(count(0, NodeEventKind::kLimit), 2u) << "down, and back up";
                 EXPECT_GE(count(1, NodeEventKind::kDetent), 4u);
-                const double place = w.node_state.drive[1].place, notch = place * 16 / (2 * M_PI);
-                EXPECT_GT(place, 1.2);
-                // friction holds it where the detent pulls less: asin(2 / 8) / 16
+                const double coordinate = w.node_state.drive[1].coordinate, notch = coordinate * 16 / (2 * M_PI);
+                EXPECT_GT(coordinate, 1.2);
+                // friction holds it where the detent torque is smaller: asin(2 / 8) / 16
                 EXPECT_LT(std::abs(notch - std::round(notch)) * 2 * M_PI / 16, std::asin(0.25) / 16 + 1e-3) << "it rests in a detent";
                 EXPECT_LT(std::abs(w.energy.balance), 0.02 * w.energy.work_hand);
                 EXPECT_EQ(find_fault(w), "");
@@ -475,7 +479,8 @@ time = 3.0
 position = [0.0, 0.0, 0.008]
 )";
 
-// 1 mm deep with the probe's tip, 2 mm with the ball; then the probe again, clear of the floor. What is laid down stays.
+// 1 mm deep with the probe's tip, 2 mm with the ball; then the probe again, clear of the floor. The tool that
+// is not in the hand stays where it is.
 TEST(ToolExchange, AnotherTipTakesThePlaceOfTheFirst) {
     Vec3d laid_down;
     run_for(world_of(kExchange), 2.5, [&](Frame& f) {
@@ -502,8 +507,8 @@ TEST(ToolExchange, AnotherTipTakesThePlaceOfTheFirst) {
     EXPECT_NE(error_of(same).find("is in a hand already"), std::string::npos);
 }
 
-// With dof = 6 the other instrument feels with its own shell: a ball of 20 mm instead of one of 10 mm, on a floor that stops
-// both by their lowest point. Breaks when the shell of the first instrument goes on feeling.
+// With dof = 6 the other instrument has a point shell of its own: a ball of 20 mm instead of one of 10 mm, on
+// a floor that stops both at their lowest point. Breaks when the first instrument's point shell stays in use.
 TEST(ToolExchange, AShellGivesWayToAnother) {
     const auto ball = [](const std::string& name, const char* size) {
         return "[[body]]\nname = \"" + name + "\"\nshape = \"sphere\"\nsize = " + size +
@@ -539,7 +544,8 @@ position = [0.0, 0.0, 0.018]
     run_for(world_of(scene), 2.0, [&](Frame& f) {
         const World& w = f.world();
         const auto force = [&](size_t tool) { return w.haptics.state[tool].command.force.z(); };
-        // springs of points give a hundredth, the lowest point of a ball of triangles is less than 0.1 mm higher
+        // the point springs yield by a hundredth, and the lowest point of a triangulated ball is less than
+        // 0.1 mm higher
         if (w.clock.pass == 40) {
             EXPECT_NEAR(force(0), 600 * 0.001, 0.05 * 0.6);
         }
@@ -553,7 +559,8 @@ position = [0.0, 0.0, 0.018]
 
 // ---- surfaces ----
 
-// A body's own properties reach the hand: 600 and 300 N/m in a row, pressed 2 mm; none of it without the table.
+// A body's own surface properties reach the hand: 600 and 300 N/m in series, pressed 2 mm; without the table
+// they have no effect.
 TEST(HapticSurface, OfAScene) {
     const std::string floor = "[[body]]\nname = \"floor\"\nshape = \"box\"\nsize = 1.0\ntriangles = 12\nposition = [0.0, 0.0, -0.5]\n";
     const std::string probe = R"(
@@ -647,8 +654,8 @@ position = [0.0, 0.0, 0.01]
 grip = 0.0
 )";
 
-// Where the jaws are, to rounding: pivots go with the instrument, each jaw turns by half the grip. A grip below the limit
-// is the first button.
+// Pose of the jaws, to rounding: pivots move with the instrument, each jaw turns by half the grip angle. A
+// grip angle below the limit counts as the first button.
 TEST(ToolJaws, TurnByTheGripAboutTheInstrument) {
     int closed = 0;
     run_for(world_of(kJaws), 1.0, [&](Frame& f) {
@@ -681,10 +688,11 @@ TEST(ToolJaws, TurnByTheGripAboutTheInstrument) {
     EXPECT_NE(with("grip = 20.0", "grip = 200.0").find("grip"), std::string::npos);
 }
 
-// Jaws close on a soft ball that nothing holds, by contact and friction alone, and lift it: it comes along, and the books
-// agree, for a tool with a tip and for one whose jaws feel. While the second one closes in place its fingers do all of the
-// work, against the torque that they are told of. Breaks when jaws push nothing, when what they meet is lost on the tool, when
-// their own work is not booked or the torque is about another axis.
+// Jaws close on an unsupported soft ball and lift it by contact and friction alone: it follows, and the
+// energy accounting closes, for a tool with a spherical tip and for one with a point shell on the jaws. While
+// the second one closes in place, the fingers do all the work, against the torque reported to them. Breaks
+// when jaws exert no force, when the reaction on the tool is lost, when the jaws' own work is not accounted,
+// or when the torque is about another axis.
 TEST(ToolJaws, GraspAndLiftByFriction) {
     std::string scene = kJaws.substr(0, kJaws.find("[[tool.path]]")) + R"(
 [[tool.path]]
@@ -729,13 +737,13 @@ friction = 0.8
             const World& w = f.world();
             const ToolState& tool = w.haptics.state[0];
             to = middle(w).z();
-            // a pass moves the jaws from one sample of the grip to the next
+            // in a pass the jaws move from one sample of the grip to the next
             if (!first && seconds_of(f) < 0.55) fingers += tool.grip_torque * (grip - tool.device.grip), closing = w.energy.work_hand;
             first = false;
             grip = tool.device.grip;
             hardest = std::max(hardest, tool.grip_torque);
             for (const ShellContact& c : tool.contact)
-                felt += c.point < w.haptics.tool[0].shell.size() && w.haptics.tool[0].shell[c.point].jaw != kNone;
+                felt += c.point < w.haptics.tool[0].point_shell.size() && w.haptics.tool[0].point_shell[c.point].jaw != kNone;
             work = std::max(work, std::abs(w.energy.work_hand));
             balance = std::max(balance, std::abs(w.energy.balance));
         });
@@ -752,8 +760,8 @@ friction = 0.8
     }
 }
 
-// A grip that closes holds what lies between the jaws by links, and its opening lets go; the hand feels the pull. Breaks when
-// links are made before, stay, or are made to the wrong jaw.
+// Closing the grip links the tissue between the jaws, and opening releases it; the hand feels the link force.
+// Breaks when links are made earlier, stay, or are made to the wrong jaw.
 TEST(ToolJaws, AttachAtClosing) {
     size_t open = 0, held = 0, after = 0;
     double pulled = 0, let_go = 0, twist = 0, work = 0, balance = 0, felt = 0, tissue = 0, most = 0, stuck = 0;

@@ -5,12 +5,12 @@
 #include <functional>
 #include <numbers>
 
-#include "engine/thread_pool.hpp"
-#include "systems/advance.hpp"
-#include "systems/frame.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "systems/advance/advance.hpp"
+#include "systems/frame/frame.hpp"
 #include "tests/frame/scenes_under_test.hpp"
 
-// Tissue that lies, slides or is squeezed: comes to rest, and where there is a closed form does what it says.
+// Tissue that rests, slides or is squeezed: it comes to rest, and follows the closed form where there is one.
 namespace {
 using namespace trocar;
 
@@ -31,10 +31,10 @@ void run(const SceneFile& scene, double seconds, const std::function<void(const 
     });
 }
 
-// Masses, places and velocities of the particles of a body that can move.
+// Masses, positions and velocities of the movable particles of a body.
 struct Cloud {
     std::vector<double> mass;
-    std::vector<Vec3d> place, velocity;
+    std::vector<Vec3d> position, velocity;
     double total = 0;
     Vec3d centre = Vec3d::Zero(), drift = Vec3d::Zero();
     double fastest = 0;
@@ -46,10 +46,10 @@ Cloud cloud_of(const World& w, uint32_t body) {
         const Float4& o = w.particles.offset[i];
         if (!(o.w > 0)) continue;
         c.mass.push_back(1 / double(o.w));
-        c.place.push_back(w.poses.origin[body] + Vec3d(o.x, o.y, o.z));
+        c.position.push_back(w.poses.origin[body] + Vec3d(o.x, o.y, o.z));
         c.velocity.push_back(Vec3d(w.particles.velocity_x[i], w.particles.velocity_y[i], w.particles.velocity_z[i]));
         c.total += c.mass.back();
-        c.centre += c.mass.back() * c.place.back();
+        c.centre += c.mass.back() * c.position.back();
         c.drift += c.mass.back() * c.velocity.back();
         c.fastest = std::max(c.fastest, c.velocity.back().norm());
     }
@@ -58,7 +58,7 @@ Cloud cloud_of(const World& w, uint32_t body) {
     return c;
 }
 
-// Deepest overlap of the pass, as it was found before anything was pushed.
+// Deepest overlap in a pass, as detected before the response.
 double depth_of(const World& w) {
     double depth = 0;
     for (const double d : w.penetrations.depth) depth = std::max(depth, d);
@@ -70,8 +70,8 @@ double depth_of(const World& w) {
 struct Mode {
     double frequency = 0, damping_ratio = 0, residual = 1;
 };
-// One damped oscillation obeys q(n+1) = a q(n) - b q(n-1), b = exp(-2 d t), a = 2 exp(-d t) cos(w t) (Prony 1795); least
-// squares over samples `stride` apart.
+// A damped oscillation obeys q(n+1) = a q(n) - b q(n-1), b = exp(-2 d t), a = 2 exp(-d t) cos(w t) (Prony
+// 1795); least squares over samples `stride` apart.
 Mode fit_ring_down(const std::vector<double>& q, double dt, size_t stride) {
     double aa = 0, ab = 0, bb = 0, ay = 0, by = 0, yy = 0;
     for (size_t n = stride; n + stride < q.size(); ++n) {
@@ -89,7 +89,7 @@ std::vector<Vec3d> shape_field(const Cloud& c, const std::function<Vec3d(const V
     Vec3d linear = Vec3d::Zero(), angular = Vec3d::Zero();
     Eigen::Matrix3d inertia = Eigen::Matrix3d::Zero();
     for (size_t i = 0; i < c.mass.size(); ++i) {
-        const Vec3d x = c.place[i] - c.centre, v = field(x);
+        const Vec3d x = c.position[i] - c.centre, v = field(x);
         linear += c.mass[i] * v;
         angular += c.mass[i] * x.cross(v);
         inertia += c.mass[i] * (x.squaredNorm() * Eigen::Matrix3d::Identity() - x * x.transpose());
@@ -100,13 +100,13 @@ std::vector<Vec3d> shape_field(const Cloud& c, const std::function<Vec3d(const V
     const Vec3d spin = Vec3d(angular.dot(i1.cross(i2)), i0.dot(angular.cross(i2)), i0.dot(i1.cross(angular))) / det;
     std::vector<Vec3d> shape(c.mass.size());
     for (size_t i = 0; i < shape.size(); ++i) {
-        const Vec3d x = c.place[i] - c.centre;
+        const Vec3d x = c.position[i] - c.centre;
         shape[i] = field(x) - linear / c.total - spin.cross(x);
     }
     return shape;
 }
 
-// Hits the liver of the scene, free in space, with a field of velocities and follows what is left of it for 0.2 s.
+// Gives the scene's liver, free in space, a velocity field and fits the response over 0.2 s.
 Mode ring_down(World& w, uint32_t body, const std::function<Vec3d(const Vec3d&)>& field) {
     const Cloud c = cloud_of(w, body);
     const std::vector<Vec3d> shape = shape_field(c, field);
@@ -114,7 +114,7 @@ Mode ring_down(World& w, uint32_t body, const std::function<Vec3d(const Vec3d&)>
     for (size_t i = 0; i < shape.size(); ++i) norm2 += c.mass[i] * shape[i].squaredNorm();
     const double speed = 0.02 * std::sqrt(c.total / norm2);  // 20 mm/s, root mean square
     const Range r = w.bodies.particles[body];
-    for (uint32_t i = 0; i < shape.size(); ++i) {  // rows that fill the last slice follow
+    for (uint32_t i = 0; i < shape.size(); ++i) {  // padding entries of the last slice follow
         w.particles.velocity_x[r.first + i] = static_cast<float>(speed * shape[i].x());
         w.particles.velocity_y[r.first + i] = static_cast<float>(speed * shape[i].y());
         w.particles.velocity_z[r.first + i] = static_cast<float>(speed * shape[i].z());
@@ -125,7 +125,7 @@ Mode ring_down(World& w, uint32_t body, const std::function<Vec3d(const Vec3d&)>
     params.substeps = count_substeps(w.bodies, island, 1e-3, w.settings.substep);
     AdvanceScratch scratch;
     AdvanceResult result;
-    ContactRows none;
+    ContactConstraints none;
     std::vector<double> q;
     for (params.tick = 0; params.tick < 200; ++params.tick) {
         const AdvanceInputs in{w.meshes, w.springs, w.bodies, w.anchors, w.paths, {}, {}, 2, {&w.solids}};
@@ -138,8 +138,9 @@ Mode ring_down(World& w, uint32_t body, const std::function<Vec3d(const Vec3d&)>
     return fit_ring_down(q, 1e-3, 8);
 }
 
-// The liver of liver_rest: 1.5 kg, and a first mode of damping ratio below 0.2. All soft shapes that a hit can excite are
-// tried; the first mode is the slowest. Damping works on velocity, so the ratio has a closed form too: c / (2 omega).
+// The liver of liver_rest has 1.5 kg and a first mode with a damping ratio below 0.2. Tries all soft shapes
+// that an impact can excite; the first mode is the slowest. Damping is proportional to velocity, so the ratio
+// also has a closed form: c / (2 omega).
 TEST(Rest, LiverRingsWithADampingRatioBelowOneFifth) {
     SceneFile scene = scene_named("liver_rest");
     std::erase_if(scene.bodies, [](const BodySpec& b) { return b.name != "liver"; });
@@ -173,51 +174,53 @@ TEST(Rest, LiverRingsWithADampingRatioBelowOneFifth) {
 
 // ---- rest ----
 
-// Contacts of a fine mesh number tens of thousands: were the shallowest dropped, other ones in every pass, the liver would
-// sink and what drops them would do work that nobody books. Its tip, a sharp edge of a fine shell, snaps from fold to fold now
-// and then: where nodes come down then they are deeper than 0.2 mm for a pass, and nothing is asked of speeds.
+// A fine mesh has tens of thousands of contacts. If the shallowest were dropped, different ones in every
+// pass, the liver would sink and its energy would not be accounted. Its tip, a sharp edge of a fine shell,
+// occasionally snaps from fold to fold: nodes landing there may be deeper than 0.2 mm for one pass, so speeds
+// are not tested.
 TEST(Rest, LongLiverOfManyTrianglesLiesOnTheWall) {
     SceneFile scene = scene_named("liver_rest");
     BodySpec& liver = scene.bodies.back();
     ASSERT_EQ(liver.name, "liver");
     liver.triangles = 60'000;
     uint64_t dropped = 0;
-    double residual = 0, worst_books = 0, peak = 0;
+    double residual = 0, worst_energy_error = 0, peak = 0;
     run(scene, 5, [&](const Frame& f) {
         const World& w = f.world();
         dropped += w.report.dropped_contacts;
         if (f.times().picture) {
-            worst_books = std::max(worst_books, std::abs(w.energy.balance));
+            worst_energy_error = std::max(worst_energy_error, std::abs(w.energy.balance));
             peak = std::max(peak, w.energy.kinetic + w.energy.elastic);
         }
         if (seconds_of(f) > 3) residual = std::max(residual, w.report.deepest_residual);
     });
     EXPECT_EQ(dropped, 0u);
     EXPECT_LT(residual, 0.2e-3);
-    EXPECT_LT(worst_books, 0.01 * peak);
-    std::printf("liver of 60,000 triangles: overlap left from 3 s on %.4f mm, books %.2f %%\n", residual * 1e3, 100 * worst_books / peak);
+    EXPECT_LT(worst_energy_error, 0.01 * peak);
+    std::printf("liver of 60,000 triangles: overlap left from 3 s on %.4f mm, books %.2f %%\n", residual * 1e3,
+                100 * worst_energy_error / peak);
 }
 
-// Still in five seconds: no point of it is faster than 1 mm/s, none sways by 0.05 mm from then on, no overlap of 0.2 mm
-// is left; and it falls asleep at the default speed.
+// At rest within five seconds: no point is faster than 1 mm/s or sways by 0.05 mm afterwards, no overlap of
+// 0.2 mm is left, and it falls asleep at the default speed.
 TEST(Rest, LongLiverLiesStillOnTheWall) {
     const SceneFile scene = scene_named("liver_rest");
     EXPECT_EQ(scene.settings.sleep_speed, SceneSettings{}.sleep_speed);
-    double fastest = 0, wander = 0, depth = 0, asleep = 0, worst_books = 0, peak = 0;
+    double fastest = 0, wander = 0, depth = 0, asleep = 0, worst_energy_error = 0, peak = 0;
     std::vector<Vec3d> low, high;
     run(scene, 8, [&](const Frame& f) {
         const World& w = f.world();
         if (f.times().picture) {
-            worst_books = std::max(worst_books, std::abs(w.energy.balance));
+            worst_energy_error = std::max(worst_energy_error, std::abs(w.energy.balance));
             peak = std::max(peak, w.energy.kinetic + w.energy.elastic);
         }
         if (asleep == 0 && w.report.asleep_bodies == 1) asleep = seconds_of(f);
         if (seconds_of(f) < 5) return;
         const Cloud c = cloud_of(w, 1);
-        if (low.empty()) low = high = c.place;
+        if (low.empty()) low = high = c.position;
         fastest = std::max(fastest, c.fastest);
         for (size_t i = 0; i < low.size(); ++i) {
-            low[i] = low[i].cwiseMin(c.place[i]), high[i] = high[i].cwiseMax(c.place[i]);
+            low[i] = low[i].cwiseMin(c.position[i]), high[i] = high[i].cwiseMax(c.position[i]);
             wander = std::max(wander, 0.5 * (high[i] - low[i]).norm());
         }
         depth = std::max({depth, w.report.deepest_residual, depth_of(w)});
@@ -226,21 +229,22 @@ TEST(Rest, LongLiverLiesStillOnTheWall) {
     EXPECT_LT(wander, 0.05e-3);
     EXPECT_LT(depth, 0.2e-3);
     EXPECT_GT(asleep, 0.0);
-    EXPECT_LT(worst_books, 0.01 * peak);
+    EXPECT_LT(worst_energy_error, 0.01 * peak);
     std::printf("liver from 5 s on: fastest point %.3f mm/s, sways by %.4f mm, overlap %.4f mm, asleep at %.2f s\n", fastest * 1e3,
                 wander * 1e3, depth * 1e3, asleep);
 }
 
-// Ten soft bodies dropped as a pyramid come to rest and fall asleep together at the default speed; their books close.
+// Ten soft bodies dropped as a pyramid come to rest and fall asleep together at the default speed; their
+// energy accounting closes.
 TEST(Rest, StackOfTenSoftBodiesFallsAsleep) {
     const SceneFile scene = scene_named("soft_stack");
     EXPECT_EQ(scene.settings.sleep_speed, SceneSettings{}.sleep_speed);
     EXPECT_EQ(scene.bodies.size(), 11u);
-    double asleep = 0, worst_books = 0, peak = 0, depth = 0;
+    double asleep = 0, worst_energy_error = 0, peak = 0, depth = 0;
     run(scene, 6, [&](const Frame& f) {
         const World& w = f.world();
         if (f.times().picture) {
-            worst_books = std::max(worst_books, std::abs(w.energy.balance));
+            worst_energy_error = std::max(worst_energy_error, std::abs(w.energy.balance));
             peak = std::max(peak, w.energy.kinetic + w.energy.elastic);
         }
         if (seconds_of(f) > 3) depth = std::max({depth, w.report.deepest_residual, depth_of(w)});
@@ -248,9 +252,9 @@ TEST(Rest, StackOfTenSoftBodiesFallsAsleep) {
     });
     EXPECT_GT(asleep, 0.0) << "still trembling";
     EXPECT_LT(depth, 0.2e-3);
-    EXPECT_LT(worst_books, 0.01 * peak);
+    EXPECT_LT(worst_energy_error, 0.01 * peak);
     std::printf("ten soft bodies: asleep at %.2f s, overlap after 3 s %.4f mm, books %.2f %%\n", asleep, depth * 1e3,
-                100 * worst_books / peak);
+                100 * worst_energy_error / peak);
 }
 
 // ---- friction ----
@@ -266,7 +270,7 @@ BodySpec block(const std::string& name, const std::string& shape, Motion motion,
     return spec;
 }
 
-// A soft block on a slope, which is gravity turned by the angle.
+// A soft block on a slope (gravity rotated by the slope angle).
 SceneFile slope(double tangent, double friction) {
     const double angle = std::atan(tangent);
     SceneFile scene;
@@ -297,8 +301,8 @@ TEST(Rest, SoftBlockHoldsOnASlopeBelowTheAngleOfFriction) {
     EXPECT_LT(speed, 1e-5);
 }
 
-// Coulomb friction of all its points together is mu times their load, which is the weight across the slope as long as the
-// block does not leave it; what the first touch shakes is over in 0.1 s.
+// The total Coulomb friction is mu times the normal load, the weight perpendicular to the slope, as long as
+// the block stays in contact; the transient of the first touch is over within 0.1 s.
 TEST(Rest, SoftBlockSlidesOnASlopeAsCoulombSays) {
     for (const double friction : {0.0, 0.2, 0.5}) {
         const double angle = std::atan(0.6), exact = kGravity * (std::sin(angle) - friction * std::cos(angle));
@@ -313,8 +317,8 @@ TEST(Rest, SoftBlockSlidesOnASlopeAsCoulombSays) {
     }
 }
 
-// A soft ball that has come to rest; the vertex that bears the most is lifted without a speed. Returns how deep it then goes
-// below the plane it lay on, m.
+// A soft ball at rest has its most loaded vertex lifted without velocity. Returns the depth it then reaches
+// below the supporting plane, m.
 double depth_of_lifted(double lift) {
     SceneFile scene = slope(0, 0.5);
     scene.bodies[1].shape = "sphere";
@@ -348,16 +352,17 @@ double depth_of_lifted(double lift) {
     return depth;
 }
 
-// What bears a load may hover above its plane when a pass begins: an edge beside it that is pushed out lifts it. Its row is
-// kept whatever its speed: without one, what it bore throws it through the table in one pass.
+// A load-bearing vertex may be above its plane at the start of a pass, because correcting an adjacent edge
+// lifts it. Its contact constraint is kept at any speed. Breaks when it is dropped: the load then pushes the
+// vertex through the table in one pass.
 TEST(Rest, WhatBearsALoadFindsItsPlaneAgain) {
     EXPECT_LT(depth_of_lifted(0.9e-3), 0.1e-3);
     EXPECT_LT(depth_of_lifted(1.6e-3), 0.1e-3);
 }
 
-// A ball that rolls on a slope without sliding, tan(angle) < 7/2 mu: g sin(angle) * 5/7, however large the friction: it
-// stays nowhere. One of facets lands on the next one and loses energy there as a rimless wheel does (McGeer 1990), to
-// first order in their size: half as large facets lose half as much, and none of no size.
+// A ball that rolls on a slope without sliding, tan(angle) < 7/2 mu, accelerates with g sin(angle) * 5/7 for
+// any friction. A faceted ball lands on facet after facet and loses energy like a rimless wheel (McGeer
+// 1990), to first order in the facet size: half the size, half the loss; extrapolated to size zero, none.
 TEST(Rest, BallRollsDownASlopeWithFiveSevenths) {
     const double angle = std::atan(0.3), exact = 5.0 / 7 * kGravity * std::sin(angle), radius = 0.025;
     double part[2] = {0, 0};
@@ -385,7 +390,7 @@ TEST(Rest, BallRollsDownASlopeWithFiveSevenths) {
 
 // ---- squeeze ----
 
-// A soft ball squeezed to seven tenths between two rigid jaws and held: the overlap that is left does not grow.
+// A soft ball squeezed to seven tenths between two rigid jaws and held: the remaining overlap does not grow.
 TEST(Rest, LongBallSqueezedBetweenJawsKeepsItsOverlap) {
     SceneFile scene;
     scene.settings.gravity.setZero();
@@ -398,7 +403,7 @@ TEST(Rest, LongBallSqueezedBetweenJawsKeepsItsOverlap) {
     for (const double side : {-1.0, 1.0}) {
         BodySpec jaw = block(side < 0 ? "left" : "right", "box", Motion::kKinematic, 0.06, 12);
         jaw.position = {side * 0.06, 0, 0};
-        KeyframeSpec open, closed;
+        Keyframe open, closed;
         open.position = jaw.position;
         closed.position = Vec3d(side * (0.03 + 0.5 * 0.7 * 0.05), 0, 0);
         closed.time = 1;

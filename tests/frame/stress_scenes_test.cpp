@@ -4,13 +4,13 @@
 #include <map>
 #include <set>
 
-#include "engine/capture_file.hpp"
-#include "engine/thread_pool.hpp"
-#include "systems/frame.hpp"
-#include "systems/sleep.hpp"
+#include "engine/files/capture_file.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "systems/frame/frame.hpp"
+#include "systems/prepare/sleep.hpp"
 #include "tests/frame/scenes_under_test.hpp"
 
-// The stress scenes of content/scenes with few bodies, and bodies that come and go in slots of a pool.
+// The stress scenes of content/scenes with few bodies, and bodies spawned from an object pool.
 namespace {
 using namespace trocar;
 
@@ -22,14 +22,14 @@ struct Small {
     const char* name;
     std::vector<Override> overrides;
     uint32_t passes;
-    double residual = 0.01;        // of the smallest body: overlap that a pass may leave
-    double usual_residual = 0.01;  // that nine of ten passes may leave
+    double residual = 0.01;        // relative to the smallest body: overlap that a pass may leave
+    double usual_residual = 0.01;  // limit for nine of ten passes
 };
 void PrintTo(const Small& s, std::ostream* out) { *out << s.name; }
 
 class SmallStressScenes : public testing::TestWithParam<Small> {};
 
-// The least size of what moves.
+// Size of the smallest movable body.
 double smallest_body(const World& w) {
     double size = std::numeric_limits<double>::infinity();
     for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b)
@@ -37,7 +37,7 @@ double smallest_body(const World& w) {
     return size;
 }
 
-// Breaks when every copy cuts its surface anew: most of the time in which ten thousand bodies are built.
+// Breaks when every copy partitions its surface anew, which dominates the time to build ten thousand bodies.
 TEST(StressScenes, CopiesShareTheirGroupsOfTriangles) {
     const World w = std::move(stress_scene("mixed", {{"count", "20"}, {"rigid", "4"}}).world);
     std::map<uint32_t, const ClosestPointTree*> first;
@@ -48,18 +48,19 @@ TEST(StressScenes, CopiesShareTheirGroupsOfTriangles) {
     EXPECT_EQ(first.size(), 4u);
 }
 
-// Few at rest look as far as moving ones when a frame is made; a lattice of many that did would hold several times the memory of
-// any pass.
+// A few bodies at rest use the same speculative margin as moving ones when a frame is made; for a lattice of
+// many that would need several times the memory of any pass.
 TEST(StressScenes, ManyAtRestDoNotLookFarAhead) {
-    const auto edges_ahead = [](const char* count) {
+    const auto speculative_edges = [](const char* count) {
         const Frame frame(std::move(stress_scene("packed", {{"count", count}, {"resolution", "200"}}).world), {});
         return frame.world().boxes.margin[0] / frame.world().meshes.info[0].mean_edge;
     };
-    EXPECT_GT(edges_ahead("27"), 1.0);
-    EXPECT_LT(edges_ahead("125"), 0.5);
+    EXPECT_GT(speculative_edges("27"), 1.0);
+    EXPECT_LT(speculative_edges("125"), 0.5);
 }
 
-// Breaks when a scene does not load, when threads change its result, or when bodies are lost, blown up or sink into another.
+// Breaks when a scene does not load, when the number of threads changes its result, or when bodies are lost,
+// blow up or sink into another.
 TEST_P(SmallStressScenes, RunTheSameOnAnyThreads) {
     uint64_t hash[2] = {0, 0};
     for (const uint32_t threads : {1u, 4u}) {
@@ -80,20 +81,21 @@ TEST_P(SmallStressScenes, RunTheSameOnAnyThreads) {
     EXPECT_EQ(hash[0], hash[1]);
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    Few, SmallStressScenes,
-    testing::Values(Small{"rain", {{"count", "12"}, {"resolution", "80"}}, 40}, Small{"packed", {{"count", "8"}, {"resolution", "200"}}, 6},
-                    Small{"sparse", {{"count", "30"}, {"resolution", "80"}}, 20},
-                    Small{"large", {{"count", "2"}, {"resolution", "600"}}, 60},
-                    Small{"mixed", {{"count", "8"}, {"rigid", "6"}, {"resolution", "80"}}, 160, 0.01, 0.001},
-                    // boxes of 48 triangles meet edge to edge, faster than push_speed parts them: 0.1 to 2.4 % in twelve seeds
-                    Small{"settle", {{"count", "9"}, {"columns", "2"}, {"resolution", "48"}}, 40, 0.025},
-                    Small{"full_contact", {{"resolution", "600"}}, 3, 0.12, 0.12},
-                    Small{"come_and_go", {{"count", "12"}, {"life", "0.3"}, {"resolution", "80"}}, 60}),
-    [](const auto& info) { return info.param.name; });
+INSTANTIATE_TEST_SUITE_P(Few, SmallStressScenes,
+                         testing::Values(Small{"rain", {{"count", "12"}, {"resolution", "80"}}, 40},
+                                         Small{"packed", {{"count", "8"}, {"resolution", "200"}}, 6},
+                                         Small{"sparse", {{"count", "30"}, {"resolution", "80"}}, 20},
+                                         Small{"large", {{"count", "2"}, {"resolution", "600"}}, 60},
+                                         Small{"mixed", {{"count", "8"}, {"rigid", "6"}, {"resolution", "80"}}, 160, 0.01, 0.001},
+                                         // boxes of 48 triangles collide edge to edge, faster than push_speed
+                                         // separates them: 0.1 to 2.4 % in twelve seeds
+                                         Small{"settle", {{"count", "9"}, {"columns", "2"}, {"resolution", "48"}}, 40, 0.025},
+                                         Small{"full_contact", {{"resolution", "600"}}, 3, 0.12, 0.12},
+                                         Small{"come_and_go", {{"count", "12"}, {"life", "0.3"}, {"resolution", "80"}}, 60}),
+                         [](const auto& info) { return info.param.name; });
 
-// Three layers of nine balls fall 0.3 m on each other: the lower ones bounce while the upper ones still come. Looking at contacts at 60 Hz
-// left 4.9 % here.
+// Three layers of nine balls fall 0.3 m on each other: the lower ones bounce while the upper ones are still
+// falling. Detecting contacts at 60 Hz leaves 4.9 % here.
 TEST(StressScenes, RainThatHitsLeavesNoOverlap) {
     ThreadPool pool(1);
     pool.run([&] {
@@ -107,38 +109,9 @@ TEST(StressScenes, RainThatHitsLeavesNoOverlap) {
     });
 }
 
-// How many contacts of 27 balls that rain are found deeper than a hundredth of a ball.
-uint32_t deep_contacts_of_rain(const std::string& edges_ahead) {
-    Frame frame(
-        std::move(stress_scene(
-                      "rain",
-                      {{"count", "27"}, {"drop.scatter.columns", "[3, 3]"}, {"contact.rate", "120"}, {"contact.edges_ahead", edges_ahead}})
-                      .world),
-        {});
-    const World& w = frame.world();
-    const double deep = 0.01 * smallest_body(w);
-    uint32_t found = 0;
-    for (uint32_t pass = 0; pass < 160; ++pass) {
-        frame.step();
-        found += uint32_t(std::count_if(w.contacts.distance.begin(), w.contacts.distance.end(), [&](double d) { return d < -deep; }));
-    }
-    EXPECT_LT(std::abs(w.energy.balance), 0.02 * std::abs(w.energy.gravity));
-    return found;
-}
-
-// Most of what a pass of falling balls finds are edges that have crossed. Breaks when edges ahead have no rows.
-TEST(StressScenes, EdgesAheadLeaveFewDeepContacts) {
-    ThreadPool pool(1);
-    pool.run([&] {
-        const uint32_t without = deep_contacts_of_rain("false"), with = deep_contacts_of_rain("true");
-        std::printf("contacts deeper than 1 %% of a ball: %u, with edges ahead %u\n", without, with);
-        EXPECT_GT(without, 20u) << "nothing is tested";
-        EXPECT_LT(with, without / 2);
-    });
-}
-
-// Boxes hit balls and leave with a wrinkle of them around a corner. Where nearest surfaces hold that, a box pulls the ball over
-// itself like a sock, to seven times its length: here a spring was stretched by 2.5 of its length.
+// Boxes hit balls and leave with a wrinkle of them around a corner. Breaks when contacts from closest points
+// hold that wrinkle: a box then pulls the ball over itself to seven times its length, and springs stretch by
+// 2.5 times their length.
 TEST(StressScenes, LongBoxesLetGoOfTheBallsTheyHit) {
     ThreadPool pool(2);
     pool.run([&] {
@@ -155,11 +128,11 @@ TEST(StressScenes, LongBoxesLetGoOfTheBallsTheyHit) {
             if (w.bodies.motion[body] != Motion::kDeformable) continue;
             const MeshView mesh = mesh_view(w.meshes, w.bodies.mesh[body]);
             for (const auto& [a, b] : mesh.edge) {
-                const auto place = [&](uint32_t v) {
+                const auto position = [&](uint32_t v) {
                     const Float4& o = w.particles.offset[w.bodies.particles[body].first + v];
                     return Vec3d(o.x, o.y, o.z);
                 };
-                most = std::max(most, (place(a) - place(b)).norm() / (mesh.position[a] - mesh.position[b]).norm() - 1);
+                most = std::max(most, (position(a) - position(b)).norm() / (mesh.position[a] - mesh.position[b]).norm() - 1);
             }
         }
         std::printf("largest stretch of an edge: %.2f\n", most);
@@ -167,8 +140,8 @@ TEST(StressScenes, LongBoxesLetGoOfTheBallsTheyHit) {
     });
 }
 
-// What falls beside others that something stops within the pass has its rows already: without them the stack's upper balls sink in by 0.7
-// %.
+// A body falling beside others that are stopped within the pass already has contact constraints. Breaks
+// without them: the stack's upper balls sink in by 0.7 %.
 TEST(StressScenes, StackThatLandsLeavesNoOverlap) {
     ThreadPool pool(1);
     pool.run([&] {
@@ -182,13 +155,14 @@ TEST(StressScenes, StackThatLandsLeavesNoOverlap) {
     });
 }
 
-// Two organs that begin 26 mm deep in each other are pushed apart the way they came, at the speed that the scene names.
+// Two organs that start 26 mm deep in each other are separated along their original direction, at the speed
+// set in the scene.
 TEST(StressScenes, FullContactIsPushedApart) {
     ThreadPool pool(1);
     pool.run([&] {
         Frame frame(std::move(stress_scene("full_contact", {{"resolution", "1000"}}).world), {});
         const World& w = frame.world();
-        const auto height = [&] {  // m, of the upper one's particles on average
+        const auto height = [&] {  // m, mean of the upper one's particles
             const Range r = w.bodies.particles[1];
             double sum = 0;
             for (uint32_t p = r.first; p < r.end(); ++p) sum += static_cast<double>(w.particles.offset[p].z);
@@ -204,15 +178,15 @@ TEST(StressScenes, FullContactIsPushedApart) {
     });
 }
 
-// What a slot went through.
+// One use of a pool slot.
 struct Stay {
     uint64_t from = 0, to = 0;  // ms
     friend bool operator==(const Stay&, const Stay&) = default;
 };
 using Book = std::map<uint32_t, std::vector<Stay>>;  // by slot
 
-// The rules of lives.hpp again, in plain words: body k is due at k / rate, takes the lowest slot that was free before this
-// pass, stays for `life`.
+// An independent implementation of the rules in spawning.hpp: body k is due at k / rate, takes the lowest
+// slot that was free before this pass, and stays for `life`.
 Book expected_stays(uint32_t slots, double rate, double life, const std::vector<uint64_t>& ticks) {
     Book book;
     std::set<uint32_t> free;
@@ -255,16 +229,16 @@ TEST(ComeAndGo, FollowsItsBookAndRecyclesSlotsWithNewNames) {
             frame.step();
             for (uint32_t s = slots.first; s < slots.end(); ++s) {
                 std::vector<Stay>& stays = book[s - slots.first];
-                const bool here = !is_away(w.lives, s), was = !stays.empty() && stays.back().to == 0;
+                const bool here = !is_away(w.spawning, s), was = !stays.empty() && stays.back().to == 0;
                 if (here && !was) {
-                    stays.push_back({now, 0}), name[s] = entity_of(w.lives, s);
+                    stays.push_back({now, 0}), name[s] = entity_of(w.spawning, s);
                     for (const Entity& e : gone) EXPECT_FALSE(e == name[s]) << "a name was given twice";
                 }
                 if (!here && was) {
                     stays.back().to = now;
                     gone.push_back(name[s]);
                 }
-                EXPECT_EQ(name.contains(s) && is_there(w.bodies, w.lives, name[s]), here);
+                EXPECT_EQ(name.contains(s) && is_there(w.bodies, w.spawning, name[s]), here);
                 const bool drawn = frame.times().picture ? w.picture.body[s].mesh != kNone : here;
                 EXPECT_EQ(drawn, here);
                 if (here) continue;
@@ -274,19 +248,20 @@ TEST(ComeAndGo, FollowsItsBookAndRecyclesSlotsWithNewNames) {
             uint64_t there = 0;
             for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) {
                 const bool moves = is_deformable(w.bodies, b) || w.bodies.motion[b] == Motion::kFree;
-                there += moves && !is_away(w.lives, b);
+                there += moves && !is_away(w.spawning, b);
             }
             EXPECT_EQ(w.report.awake_bodies + w.report.asleep_bodies, there) << "an empty slot is nobody who sleeps";
-            for (size_t i = 0; i < w.pairs.a.size(); ++i) EXPECT_FALSE(is_away(w.lives, w.pairs.a[i]) || is_away(w.lives, w.pairs.b[i]));
+            for (size_t i = 0; i < w.pairs.a.size(); ++i)
+                EXPECT_FALSE(is_away(w.spawning, w.pairs.a[i]) || is_away(w.spawning, w.pairs.b[i]));
         }
         Book expected = expected_stays(6, 25, 0.3, ticks);
         for (auto& [slot, stays] : book)
             if (stays.empty()) expected[slot];
         EXPECT_EQ(book, expected);
         EXPECT_GT(gone.size(), 12u) << "no slot was used three times: nothing was tested";
-        for (const Entity& e : gone) EXPECT_FALSE(is_there(w.bodies, w.lives, e));
+        for (const Entity& e : gone) EXPECT_FALSE(is_there(w.bodies, w.spawning, e));
         for (size_t b = 0; b < rows.size(); ++b) EXPECT_EQ(rows[b].first, w.bodies.particles[b].first) << "renumbered";
-        EXPECT_EQ(w.lives.came[0], [&] {
+        EXPECT_EQ(w.spawning.came[0], [&] {
             uint64_t all = 0;
             for (const auto& [slot, stays] : expected) all += stays.size();
             return all;
@@ -294,10 +269,11 @@ TEST(ComeAndGo, FollowsItsBookAndRecyclesSlotsWithNewNames) {
     });
 }
 
-// A body that nothing touches falls, while others come and go, exactly as without them; the books stay closed over
-// departures. Breaks when a slot's content leaks into another or energy vanishes unbooked.
+// An untouched body falls exactly the same while others are spawned and removed, and the energy accounting
+// stays closed. Breaks when a slot's contents leak into another, or energy is removed without being
+// accounted.
 TEST(ComeAndGo, LeavesOthersAloneAndTheBooksClosed) {
-    std::vector<Float4> place[2];
+    std::vector<Float4> position[2];
     for (const int others : {0, 1}) {
         ThreadPool pool(1);
         pool.run([&] {
@@ -311,18 +287,19 @@ TEST(ComeAndGo, LeavesOthersAloneAndTheBooksClosed) {
                 worst = std::max(worst, std::abs(w.energy.balance)), most = std::max(most, w.energy.kinetic);
                 if (pass == 12) {
                     const Range r = w.bodies.particles[first];
-                    place[others].assign(w.particles.offset.begin() + r.first, w.particles.offset.begin() + r.end());
+                    position[others].assign(w.particles.offset.begin() + r.first, w.particles.offset.begin() + r.end());
                 }
             }
             EXPECT_GT(most, 1e-3);
             EXPECT_LT(worst, 0.02 * most);
         });
     }
-    ASSERT_EQ(place[0].size(), place[1].size());
-    EXPECT_EQ(0, std::memcmp(place[0].data(), place[1].data(), place[0].size() * sizeof(Float4)));
+    ASSERT_EQ(position[0].size(), position[1].size());
+    EXPECT_EQ(0, std::memcmp(position[0].data(), position[1].data(), position[0].size() * sizeof(Float4)));
 }
 
-// A state saved while slots are in use starts the same future. Breaks when lives are not part of a capture.
+// A state saved while slots are in use has the same continuation. Breaks when pool data is not part of a
+// capture.
 TEST(ComeAndGo, GoesOnFromASavedState) {
     ThreadPool pool(1);
     pool.run([&] {
@@ -340,7 +317,7 @@ TEST(ComeAndGo, GoesOnFromASavedState) {
         EXPECT_EQ(find_fault(again.world()), "");
         for (int pass = 0; pass < 30; ++pass) run.step(), again.step();
         EXPECT_EQ(state_hash(run.world()), state_hash(again.world()));
-        again.world().lives.away.pop_back();
+        again.world().spawning.away.pop_back();
         EXPECT_NE(find_fault(again.world()), "");
     });
 }

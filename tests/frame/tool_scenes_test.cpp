@@ -1,17 +1,17 @@
-// Scenes of tools, run as a user runs them.
+// Tool scenes, run as a user runs them.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 
-#include "engine/error.hpp"
-#include "engine/keyframe_path.hpp"
-#include "engine/thread_pool.hpp"
+#include "engine/base/error.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "engine/motion/keyframe_path.hpp"
 #include "frame/scenes_under_test.hpp"
 #include "reference/leapfrog_double.hpp"
-#include "systems/app/tool_record.hpp"
-#include "systems/frame.hpp"
+#include "systems/app/report/tool_record.hpp"
+#include "systems/frame/frame.hpp"
 namespace trocar {
 namespace {
 
@@ -19,7 +19,7 @@ World scene_world(const std::string& name, const std::vector<Override>& override
     return std::move(build_scene(read_scene_file(source_folder() / "content/scenes" / (name + ".toml"), overrides), Looks::kPlain).world);
 }
 
-// Steps to a time (s) and looks after every pass.
+// Steps to a time (s) and calls `look` after every pass.
 template <typename Look>
 void run_until(Frame& frame, double time, const Look& look) {
     while (static_cast<double>(frame.world().clock.tick) < 1e3 * time) {
@@ -34,7 +34,7 @@ reference::DoubleBody double_copy(const World& w, uint32_t body) {
     const MeshView view = mesh_view(w.meshes, w.bodies.mesh[body]);
     for (uint32_t v = 0; v < view.position.size(); ++v) {
         const uint32_t p = w.bodies.particles[body].first + v;
-        b.place.push_back(vertex_position(surfaces_of(w), body, v) - w.poses.origin[body]);
+        b.position.push_back(vertex_position(surfaces_of(w), body, v) - w.poses.origin[body]);
         b.inv_mass.push_back(w.particles.offset[p].w);
         b.goal.push_back({w.anchors.rest_x[p], w.anchors.rest_y[p], w.anchors.rest_z[p]});
         b.anchor.push_back(w.anchors.stiffness[p]);
@@ -47,9 +47,9 @@ reference::DoubleBody double_copy(const World& w, uint32_t body) {
     return b;
 }
 
-// What two hands press a tissue with, its springs and anchors bear, and each hand feels its own share: to 1 %. Breaks when
-// damping bears a part of a load at rest, when a reaction is lost, counted twice or given to the other tool, and when the hand feels
-// another surface than the tissue has.
+// The load of two hands on a tissue equals the reaction of its springs and anchors, and each hand feels its
+// own share, to 1 %. Breaks when damping carries part of a static load, when a reaction is lost, counted
+// twice or applied to the other tool, or when the hand feels a different surface than the tissue's.
 TEST(ToolScenes, TwoHandsFeelWhatTheTissueBears) {
     ThreadPool pool(0);
     pool.run([&] {
@@ -74,8 +74,8 @@ TEST(ToolScenes, TwoHandsFeelWhatTheTissueBears) {
     });
 }
 
-// The same of an instrument that feels with all of its body: pressed across the liver and held, its hand feels what springs and
-// anchors bear, force and torque. Breaks when the points of the shell stand where the simulated contacts do not.
+// The same for an instrument with a point shell: pressed across the liver and held, its hand feels the force
+// and torque of springs and anchors. Breaks when the points of the shell differ from the simulated contacts.
 TEST(ToolScenes, AShellFeelsWhatTheTissueBears) {
     ThreadPool pool(0);
     pool.run([&] {
@@ -104,9 +104,9 @@ TEST(ToolScenes, AShellFeelsWhatTheTissueBears) {
     });
 }
 
-// Below the force that the wall bears the needle stays outside; beyond it goes through and the wall lets it alone, shaft and
-// all; drawn out, it may be stopped again. Breaks when the proxy or the simulated needle slips through a thin wall, and when
-// the wall pushes out a needle that is through it.
+// Below the force limit of the wall the needle stays outside; beyond it the needle penetrates and the wall no
+// longer acts on it, shaft included; after withdrawal it may be stopped again. Breaks when the proxy or the
+// simulated needle slips through a thin wall, or when the wall pushes out a needle that has penetrated it.
 TEST(ToolScenes, NeedleGoesThroughTheWallWhenPressedHarderThanItBears) {
     ThreadPool pool(0);
     pool.run([&] {
@@ -126,7 +126,7 @@ TEST(ToolScenes, NeedleGoesThroughTheWallWhenPressedHarderThanItBears) {
         EXPECT_EQ(passed(), 1u);
         EXPECT_LT(largest, 1.6);
         EXPECT_EQ(tool.pierce.body, 0u);
-        // the pass in which it broke through still pushed; from the next on nothing does
+        // the pass of the breakthrough still has a force; later passes have none
         Vec3d after = Vec3d::Zero();
         run_until(frame, 3.6, [&](const World& w) { after += w.haptics.state[0].contact_impulse; });
         EXPECT_EQ(after, Vec3d::Zero());
@@ -139,9 +139,9 @@ TEST(ToolScenes, NeedleGoesThroughTheWallWhenPressedHarderThanItBears) {
     });
 }
 
-// Surgical mesh falls onto a wall, drapes over its dome, is stapled and lies still: nothing of it is lost in the wall, and the energy of
-// its fall is all accounted for. Breaks when an open sheet sinks into tissue, when stiff knots of it shake each other up, and when a
-// staple pulls where it was set without tension.
+// Surgical mesh falls onto a wall, drapes over its dome, is stapled and comes to rest: no part of it is
+// inside the wall, and the energy of its fall is fully accounted. Breaks when an open sheet sinks into
+// tissue, when stiff knots of it excite each other, or when a staple set without tension exerts a force.
 TEST(ToolScenes, MeshOnAWallLiesStill) {
     ThreadPool pool(0);
     pool.run([&] {
@@ -157,7 +157,8 @@ TEST(ToolScenes, MeshOnAWallLiesStill) {
         EXPECT_EQ(w.links.node.size(), 4u);
         EXPECT_LT(w.report.deepest_residual, 1e-3);
         EXPECT_LT(w.energy.kinetic, 1e-2 * peak);
-        double lowest = 1, highest = -1;  // m: it bends with the wall, whose ends lie 20 mm below its middle where the mesh ends
+        double lowest = 1, highest = -1;  // m: it bends with the wall, whose surface is 20 mm lower at the
+                                          // ends of the mesh than at its middle
         for (uint32_t v = 0; v < w.meshes.info[w.bodies.mesh[1]].vertices.count; ++v) {
             const double z = vertex_position(surfaces_of(w), 1, v).z();
             lowest = std::min(lowest, z), highest = std::max(highest, z);
@@ -167,7 +168,7 @@ TEST(ToolScenes, MeshOnAWallLiesStill) {
     });
 }
 
-// The map of the force that a sliding probe felt is darkest over the lump, and shows nothing where there is none.
+// The force map of a sliding probe has its maximum over the lump, and none where there is no lump.
 TEST(ToolScenes, LongPalpationFindsTheLump) {
     const auto map_of = [](const std::string& lump) {
         std::vector<ToolSample> samples;
@@ -178,7 +179,7 @@ TEST(ToolScenes, LongPalpationFindsTheLump) {
         });
         return *force_map(samples, 0);
     };
-    // largest over the median, and where
+    // maximum over median, and its position
     const auto peak = [](const ForceMap& map, Vec3d& at) {
         std::vector<double> felt;
         double highest = 0;
@@ -193,18 +194,19 @@ TEST(ToolScenes, LongPalpationFindsTheLump) {
         std::nth_element(felt.begin(), felt.begin() + static_cast<ptrdiff_t>(felt.size() / 2), felt.end());
         return highest / felt[felt.size() / 2];
     };
-    Vec3d place = Vec3d::Zero();
+    Vec3d position = Vec3d::Zero();
     const ForceMap map = map_of("10.0");
-    const double with = peak(map, place);
-    const Vec3d lump = Vec3d(0.01, -0.005, 0.033), off = place - (lump - lump.dot(map.normal) * map.normal);
+    const double with = peak(map, position);
+    const Vec3d lump = Vec3d(0.01, -0.005, 0.033), off = position - (lump - lump.dot(map.normal) * map.normal);
     EXPECT_LT(off.norm(), 0.012) << "its radius";
     EXPECT_GT(with, 1.5);
-    const double without = peak(map_of("1.0"), place);
+    const double without = peak(map_of("1.0"), position);
     EXPECT_LT(without, 0.8 * with);
 }
 
-// A probe that is dragged and pulled out at 30 passes a second goes 3 mm a pass, and tissue folds about its neck: it comes free
-// all the same. Breaks when points that are through a fold are led on through it: the organ then hangs on the probe for good.
+// A probe that is dragged and withdrawn at 30 passes a second moves 3 mm per pass, and tissue folds around
+// its neck; it still comes free. Breaks when points that are through a fold are pushed further through it:
+// the organ then stays caught on the probe.
 TEST(ToolScenes, AToolComesOutOfAFold) {
     ThreadPool pool(0);
     for (const char* triangles : {"8000", "14000"}) {
@@ -222,8 +224,9 @@ TEST(ToolScenes, AToolComesOutOfAFold) {
     }
 }
 
-// The whole theatre through a press of each hand, its liver coarser: books to 1 % of the largest elastic energy, nothing
-// lost, overlap left below 0.1 mm, both hands feel organs, no instrument ever meets the wall that its port lies in.
+// The complete operating scene through one press of each hand, with a coarser liver: energy accounting closes
+// to 1 % of the largest elastic energy, no particle is lost, the remaining overlap is below 0.1 mm, both
+// hands feel organs, and no instrument collides with the wall around its port.
 TEST(ToolScenes, FieldStaysWholeUnderBothHands) {
     ThreadPool pool(0);
     pool.run([&] {
@@ -254,7 +257,8 @@ TEST(ToolScenes, FieldStaysWholeUnderBothHands) {
     });
 }
 
-// `repeat` plays a path on end: a time later the hand is where it was, and its last key is the first of the next time.
+// `repeat` repeats a path: one period later the hand is at the same position, and each repetition starts with
+// the last key of the previous one.
 TEST(ToolScenes, RepeatedPathsComeBack) {
     const World w =
         scene_world("field", {{"liver.cells", "6"}, {"liver.triangles", "1000"}, {"tool.left.repeat", "3"}, {"tool.right.repeat", "1"}});

@@ -6,21 +6,21 @@
 #include <string>
 #include <utility>
 
-#include "content/build_scene.hpp"
-#include "content/make_prototype.hpp"
-#include "content/shape_library.hpp"
-#include "engine/error.hpp"
-#include "engine/links.hpp"
-#include "engine/mass_properties.hpp"
-#include "engine/thread_pool.hpp"
-#include "systems/frame.hpp"
+#include "content/scene/build_scene.hpp"
+#include "content/scene/make_prototype.hpp"
+#include "content/shapes/shape_library.hpp"
+#include "engine/base/error.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "engine/mesh/mass_properties.hpp"
+#include "engine/tissue/links.hpp"
+#include "systems/frame/frame.hpp"
 
 namespace trocar {
 namespace {
 
 constexpr uint32_t kTable = 0, kBall = 1;
 
-// A table and, if asked, a soft ball that falls on it.
+// A table and, optionally, a soft ball that falls on it.
 World table_and_ball(bool with_ball = true) {
     World w;
     PrototypeOptions small;
@@ -37,7 +37,7 @@ World table_and_ball(bool with_ball = true) {
     return w;
 }
 
-// A ball a little above the table, soft or hard; returns its row.
+// A ball slightly above the table, soft or hard; returns its index.
 uint32_t add_ball(World& w, Motion motion) {
     const uint32_t body = add_body(w, "other", kBall, motion, {}, AnchorFrame::kShape);
     w.poses.origin[body] = Vec3d(0.2, 0, 0.07);
@@ -58,7 +58,7 @@ std::string refusal(World w) {
     return "";
 }
 
-// Breaks when a frame takes such a world: it then reads beyond arrays, or divides by nothing.
+// Breaks when a frame accepts an incomplete world: it would then read beyond arrays, or divide by zero.
 TEST(WorldsByHand, AFrameNamesWhatWasForgotten) {
     EXPECT_EQ(refusal(table_and_ball()), "");
     World w = table_and_ball();
@@ -68,7 +68,7 @@ TEST(WorldsByHand, AFrameNamesWhatWasForgotten) {
     add_body(w, "late", kBall, Motion::kStatic);
     EXPECT_NE(refusal(std::move(w)).find("body 2 \"late\" has no closest-point tree"), std::string::npos);
     w = table_and_ball();
-    w.meshes.position.reserve(2 * w.meshes.position.capacity());  // as a further prototype would
+    w.meshes.position.reserve(2 * w.meshes.position.capacity());  // as adding a prototype would
     EXPECT_NE(refusal(std::move(w)).find("make_trees is missing"), std::string::npos);
     w = table_and_ball();
     w.bodies.motion[kTable] = Motion::kDeformable;
@@ -130,7 +130,7 @@ TEST(WorldsByHandDeathTest, OrderMistakesAreNamed) {
     EXPECT_DEATH(make_trees(w), "make_trees comes after make_deformable");
 }
 
-// Breaks when the bodies of a staple are taken as they come: rows beyond the arrays are read.
+// Breaks when the bodies of a staple are not checked: memory beyond the arrays would be read.
 TEST(WorldsByHandDeathTest, AStapleHoldsTwoBodiesThatAreThere) {
     World w = table_and_ball();
     const auto staple = [&](uint32_t a, uint32_t b, double stiffness) {
@@ -147,10 +147,10 @@ TEST(WorldsByHandDeathTest, AStapleHoldsTwoBodiesThatAreThere) {
 
 TEST(WorldsByHand, OnlyBodiesThatAreThereAreThere) {
     const World w = table_and_ball();
-    EXPECT_TRUE(is_there(w.bodies, w.lives, w.bodies.entity[1]));
-    EXPECT_FALSE(is_there(w.bodies, w.lives, Entity{}));
-    EXPECT_FALSE(is_there(w.bodies, w.lives, {2, 0}));
-    EXPECT_FALSE(is_there(w.bodies, w.lives, {1, 1}));
+    EXPECT_TRUE(is_there(w.bodies, w.spawning, w.bodies.entity[1]));
+    EXPECT_FALSE(is_there(w.bodies, w.spawning, Entity{}));
+    EXPECT_FALSE(is_there(w.bodies, w.spawning, {2, 0}));
+    EXPECT_FALSE(is_there(w.bodies, w.spawning, {1, 1}));
 }
 
 void run(Frame& frame, uint32_t passes) {
@@ -165,7 +165,7 @@ double top_of(const World& w, uint32_t body) {
     return top;
 }
 
-// Puts a body that nothing has touched back to where it was in `start`.
+// Returns an untouched body to its pose in `start`.
 void put_back(const World& start, uint32_t body, World& w) {
     w.poses.origin[body] = start.poses.origin[body], w.poses.orientation[body] = start.poses.orientation[body];
     w.poses.velocity[body] = start.poses.velocity[body], w.poses.angular_velocity[body] = start.poses.angular_velocity[body];
@@ -178,8 +178,8 @@ void put_back(const World& start, uint32_t body, World& w) {
     w.sleep.still[body] = 0, w.sleep.group[body] = kNone;
 }
 
-// A body that is added to a running frame moves as if it had been there and had not begun to fall, and its energy is on the books.
-// Breaks when the stages or the start of the books stay as they were made.
+// A body added to a running frame moves as if it had been there without falling yet, and its energy is
+// accounted. Breaks when the stages or the initial energy are not updated.
 TEST(WorldsByHand, BodiesMayComeWhileAFrameRuns) {
     constexpr uint32_t kBefore = 3;
     for (const Motion motion : {Motion::kDeformable, Motion::kFree}) {
@@ -203,7 +203,7 @@ TEST(WorldsByHand, BodiesMayComeWhileAFrameRuns) {
     }
 }
 
-// The same where nothing could move before, and no pair could meet.
+// The same where nothing could move and no pair could collide before the addition.
 TEST(WorldsByHand, TheFirstMoverMayComeWhileAFrameRuns) {
     for (const Motion motion : {Motion::kDeformable, Motion::kFree}) {
         World there = table_and_ball(false);
@@ -232,15 +232,16 @@ TEST(WorldsByHand, ARunningFrameRefusesBodiesThatAreNotComplete) {
     make_trees(w);
     frame.step();
     make_prototype(w.meshes, make_shape("table", 200), {});
-    EXPECT_THROW(frame.step(), InputError);  // the trees look at rows that have moved
+    EXPECT_THROW(frame.step(), InputError);  // the trees point into arrays that have been reallocated
     make_trees(w);
     frame.step();
     w.bodies.mesh.pop_back();
     EXPECT_THROW(frame.step(), InputError);
 }
 
-// A second has as many passes as its rate says and 30 pictures, each at the end of the same number of passes. Breaks when a rate is
-// taken that shares no instants with the pictures, or when periods of whole milliseconds add up to another time.
+// A simulated second has as many passes as the rate says and 30 pictures, each after the same number of
+// passes. Breaks when a rate is accepted whose passes never coincide with pictures, or when periods of whole
+// milliseconds sum to a different time.
 TEST(WorldsByHand, AnyMultipleOfThePictureRateKeepsTime) {
     for (uint32_t rate = 30; rate <= kHighestContactRate; rate += 30) {
         World world = table_and_ball();
@@ -257,8 +258,8 @@ TEST(WorldsByHand, AnyMultipleOfThePictureRateKeepsTime) {
     }
 }
 
-// Whatever mode the caller computes in, it is his again afterwards and the results are the same. Breaks when a frame leaves its own
-// behind, or runs in the caller's.
+// For any float mode of the caller, the mode is restored afterwards and the results are the same. Breaks when
+// a frame leaves its own mode behind, or runs in the caller's.
 TEST(WorldsByHand, AFrameGivesTheFloatModeBack) {
     constexpr unsigned kPlain = 0x1f80, kUpward = 0x5f80, kControl = 0xffc0;
     const unsigned before = _mm_getcsr();

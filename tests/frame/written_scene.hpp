@@ -7,14 +7,14 @@
 #include <utility>
 #include <vector>
 
-#include "content/build_scene.hpp"
-#include "engine/error.hpp"
-#include "engine/thread_pool.hpp"
-#include "systems/frame.hpp"
+#include "content/scene/build_scene.hpp"
+#include "engine/base/error.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "systems/frame/frame.hpp"
 
 namespace trocar {
 
-// A scene written down in a test, in a file while it lives.
+// A scene written in a test, stored in a file while this object exists.
 struct WrittenScene {
     std::filesystem::path path;
     WrittenScene(const std::string& name, const std::string& text)
@@ -26,7 +26,7 @@ struct WrittenScene {
     BuiltScene build(const std::vector<Override>& overrides = {}) const {
         return build_scene(read_scene_file(path, overrides), Looks::kPlain);
     }
-    // What building it is refused with; empty when it is built.
+    // The error message of building it; empty if it is built.
     std::string error(const std::vector<Override>& overrides = {}) const {
         try {
             build(overrides);
@@ -37,7 +37,7 @@ struct WrittenScene {
     }
 };
 
-// Steps a world and looks (Frame&, int pass) after each pass.
+// Steps a world and calls look(Frame&, int pass) after each pass.
 template <typename Look>
 void run(World world, int passes, const Look& look, uint32_t threads = 1) {
     ThreadPool pool(threads);

@@ -6,17 +6,17 @@
 #include <filesystem>
 #include <random>
 
-#include "content/build_scene.hpp"
-#include "content/clean_mesh.hpp"
-#include "content/load_mesh.hpp"
-#include "content/repair_mesh.hpp"
-#include "content/save_mesh.hpp"
-#include "engine/capture_file.hpp"
-#include "engine/check.hpp"
-#include "engine/error.hpp"
-#include "engine/state_hash.hpp"
-#include "engine/text_file.hpp"
-#include "engine/world.hpp"
+#include "content/mend/clean_mesh.hpp"
+#include "content/mend/repair_mesh.hpp"
+#include "content/read/load_mesh.hpp"
+#include "content/scene/build_scene.hpp"
+#include "content/write/save_mesh.hpp"
+#include "engine/base/check.hpp"
+#include "engine/base/error.hpp"
+#include "engine/files/capture_file.hpp"
+#include "engine/files/state_hash.hpp"
+#include "engine/files/text_file.hpp"
+#include "engine/world/world.hpp"
 #include "reference/sample_meshes.hpp"
 namespace trocar::mutate {
 namespace {
@@ -180,7 +180,7 @@ void put_big_endian(std::string& out, Value value) {
     out.append(std::make_reverse_iterator(bytes + sizeof value), std::make_reverse_iterator(bytes));
 }
 
-// Since version 5.1 lists begin with where each cell begins.
+// Since version 5.1 lists begin with the offset of each cell.
 std::string make_newer_vtk(const Mesh& mesh, bool binary) {
     const size_t count = mesh.triangle.size();
     std::string out = std::string(kVtkHead) + (binary ? "BINARY" : "ASCII") + "\nDATASET POLYDATA\nPOINTS " +
@@ -224,7 +224,7 @@ constexpr const char* kKnown[] = {
     "NULL", "DEF",   "USE",           "IS",      "Script",       "UNIT",         "EXPORT",       "AS",     "f",        "vt",
     "o",    "facet", "endsolid",      "element", "end_header"};
 
-// The run of bytes around a place that `belongs` says yes to.
+// The contiguous bytes around a position for which `belongs` is true.
 template <typename Belongs>
 std::pair<size_t, size_t> run_around(const std::string& bytes, size_t at, const Belongs& belongs) {
     size_t first = at, last = at;
@@ -255,20 +255,20 @@ void edit(std::string& bytes, const std::string& other, Random& random) {
             bytes.insert(at, other.substr(below(random, other.size()), 1 + below(random, other.size())));
             break;
         case 6:
-        case 7: {  // a number, from here on the next
+        case 7: {  // replace a number, searched from here on
             size_t from = at;
             while (from < bytes.size() && !is_number_byte(bytes[from])) ++from;
             const auto [first, count] = run_around(bytes, std::min(from, bytes.size()), is_number_byte);
             bytes.replace(first, count, kNumbers[below(random, std::size(kNumbers))]);
             break;
         }
-        case 8: {  // a word, doubled or put elsewhere
+        case 8: {  // duplicate or move a word
             const auto [first, count] = run_around(bytes, at, [](char c) { return !is_blank(c); });
             const std::string word = " " + bytes.substr(first, count) + " ";
             bytes.insert(below(random, 2) == 0 ? first : below(random, bytes.size()), word);
             break;
         }
-        case 9: {  // a word that some format knows for another
+        case 9: {  // replace a keyword by another format's
             const auto [first, count] = run_around(bytes, at, [](char c) { return !is_blank(c); });
             bytes.replace(first, count, kKnown[below(random, std::size(kKnown))]);
             break;
@@ -293,7 +293,7 @@ void check_result(const Mesh& mesh) {
     for (const uint16_t row : mesh.triangle_material) TROCAR_ASSERT(row < mesh.material.size());
 }
 
-// A scene and a state, as captures hold them.
+// A scene and a state, as stored in captures.
 const std::vector<CaptureRecord>& sound_records() {
     static const std::vector<CaptureRecord> records = [] {
         SceneFile scene;
@@ -329,7 +329,7 @@ std::string make_capture() {
     return bytes;
 }
 
-// Edits behind the hash that guards stored bytes: what a program that writes wrong captures would leave.
+// Edits data and then updates the hash that protects it: as written by a program that makes wrong captures.
 void edit_arrays(std::vector<CaptureRecord>& records, Random& random) {
     for (size_t edits = 1 + below(random, 4); edits > 0; --edits) {
         CaptureRecord& record = records[below(random, records.size())];
@@ -348,8 +348,8 @@ void edit_arrays(std::vector<CaptureRecord>& records, Random& random) {
     }
 }
 
-// Read by records; where the file itself is as sound as it was made, its arrays are damaged instead. A world that loads is
-// either named faulty or fit to be simulated: every index in it is looked at.
+// Reads the records. If the file itself is still valid, damages its arrays instead. A world that loads is
+// either reported as faulty or can be simulated: every index in it is checked.
 Fate try_capture(const Seed& mutant) {
     const fs::path file = fs::temp_directory_path() / ("trocar_mutant_" + std::to_string(::getpid()) + ".cap");
     {
@@ -407,7 +407,7 @@ std::vector<Seed> make_seeds() {
 Seed make_mutant(const std::vector<Seed>& seeds, uint64_t number) {
     Random random(number * 0x9e3779b97f4a7c15u + 1);
     Seed mutant = seeds[number % seeds.size()];
-    const size_t edits = 1 + below(random, 1 + below(random, 8));  // mostly few, which readers get farther with
+    const size_t edits = 1 + below(random, 1 + below(random, 8));  // mostly few: readers get further
     for (size_t k = 0; k < edits; ++k) edit(mutant.bytes, seeds[below(random, seeds.size())].bytes, random);
     return mutant;
 }

@@ -4,18 +4,18 @@
 #include <filesystem>
 #include <fstream>
 
-#include "content/build_scene.hpp"
-#include "content/sweep_file.hpp"
-#include "engine/check.hpp"
-#include "engine/device.hpp"
-#include "engine/device_backends.hpp"
-#include "engine/device_packets.hpp"
-#include "engine/error.hpp"
-#include "engine/state_hash.hpp"
-#include "engine/text_file.hpp"
-#include "engine/world.hpp"
+#include "content/scene/build_scene.hpp"
+#include "content/scene/sweep_file.hpp"
+#include "engine/base/check.hpp"
+#include "engine/base/error.hpp"
+#include "engine/devices/backends.hpp"
+#include "engine/devices/device.hpp"
+#include "engine/devices/packets.hpp"
+#include "engine/files/state_hash.hpp"
+#include "engine/files/text_file.hpp"
+#include "engine/world/world.hpp"
 #include "mutate/mutants.hpp"
-#include "systems/app/live_recording.hpp"
+#include "systems/app/run/live_recording.hpp"
 #ifdef TROCAR_IGTL
 #include <igtlPositionMessage.h>
 #include <igtlTransformMessage.h>
@@ -135,7 +135,7 @@ std::string text_of(const Bytes& bytes) {
     return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
 }
 
-// A file with these bytes while it lives.
+// A file with these bytes that exists as long as this object.
 struct WrittenFile {
     fs::path path;
     WrittenFile(const std::string& name, const std::string& bytes)
@@ -154,7 +154,7 @@ void check_state(const DeviceState& state) {
     TROCAR_ASSERT(std::abs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1) < 1e-9);
 }
 
-// Small enough to be built within a moment.
+// Small enough to be built quickly.
 bool is_small(const SceneFile& scene) {
     if (scene.bodies.size() > 20 || scene.staples > 1000) return false;
     for (const BodySpec& body : scene.bodies) {
@@ -163,7 +163,7 @@ bool is_small(const SceneFile& scene) {
     return true;
 }
 
-// Scenes that read are built; what is built has no fault.
+// Scenes that can be read are built; a built scene must have no fault.
 bool try_scene(const fs::path& path) {
     const SceneFile scene = read_scene_file(path, {});
     if (!is_small(scene)) return true;
@@ -196,7 +196,8 @@ std::string make_recording() {
     return read_file_bytes(file.path);
 }
 
-// The checksum at the end of a damaged recording made right again: what a program that writes wrong recordings would leave.
+// Updates the checksum at the end of a damaged recording: as written by a program that makes wrong
+// recordings.
 std::string with_checksum(std::string bytes) {
     const size_t words = bytes.size() / 8;
     if (words < 2) return bytes;
@@ -267,7 +268,7 @@ std::vector<Seed> make_igtl_seeds() {
     return {{"a.igtl", bytes(transform)}, {"b.igtl", bytes(position)}};
 }
 
-// With the body's checksum made right again.
+// With an updated checksum of the body.
 bool try_igtl(std::string bytes) {
     if (bytes.size() > IGTL_HEADER_SIZE) {
         igtl_uint64 sum = crc64(reinterpret_cast<unsigned char*>(bytes.data()) + IGTL_HEADER_SIZE, bytes.size() - IGTL_HEADER_SIZE, 0);

@@ -9,23 +9,22 @@
 #include <cstring>
 #include <new>
 
-#include "engine/real_time.hpp"
-#include "engine/text_file.hpp"
-#include "engine/thread_pool.hpp"
-#include "engine/whole_file.hpp"
+#include "engine/files/text_file.hpp"
+#include "engine/files/whole_file.hpp"
+#include "engine/jobs/real_time.hpp"
+#include "engine/jobs/thread_pool.hpp"
 #include "mutate/mutants.hpp"
 
 // trocar_mutate [--count N] [--first K] [--seconds S] [--minutes M] [--only ENDING] [--out DIR] [FILE...]
-//
-// Tries N mutants (20000) from number K (0) on, or as many as M minutes allow, each within S seconds (20), of the seeds
-// made here (with --only wrl of those whose name ends so) or of the files given. A worker process tries them one after another; when one
-// kills it (a sanitizer's report, a failed check, too long), the mutant is kept in DIR (.) and another worker goes on after it. Exit code 1
-// when there was one.
+// Tries N mutants (20000) from number K (0) on, or as many as M minutes allow, each within S seconds (20), of
+// the seeds generated here (with --only wrl those whose name ends in wrl) or of the given files. A worker
+// process tries them one after another. When a mutant kills the worker (sanitizer report, failed check, time
+// limit), the mutant is saved in DIR (.) and another worker continues after it. Exit code 1 if there was one.
 namespace {
 
 using namespace trocar;
 
-// In memory the worker and its parent share.
+// In memory shared by the worker and its parent.
 struct Progress {
     std::atomic<uint64_t> number, read, refused;
 };
@@ -33,7 +32,7 @@ struct Progress {
 struct Options {
     uint64_t count = 20000, first = 0;
     unsigned seconds = 20;
-    double minutes = 0;  // 0 = as long as it takes
+    double minutes = 0;  // 0 = no limit
     std::string only, out = ".";
     std::vector<std::string> files;
 };

@@ -4,7 +4,7 @@
 #include <vector>
 namespace trocar::reference {
 
-// Whole number of any size, for oracles: schoolbook, sign and magnitude, 32 bits a digit.
+// Integer of any size, for oracles: schoolbook arithmetic, sign and magnitude, 32 bits per digit.
 struct BigInteger {
     bool negative = false;
     std::vector<uint32_t> digit;  // lowest first, no leading zero
@@ -65,7 +65,7 @@ inline BigInteger operator*(const BigInteger& a, const BigInteger& b) {
 
 inline int sign_of(const BigInteger& a) { return a.digit.empty() ? 0 : (a.negative ? -1 : 1); }
 
-// x * 2^shift, which must be whole.
+// x * 2^shift, which must be an integer.
 inline BigInteger scaled(double x, int shift) {
     int exponent = 0;
     const double fraction = std::frexp(std::abs(x), &exponent);

@@ -15,7 +15,8 @@ double squared_to_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
     return (a + t * d - p).squaredNorm();
 }
 
-// Plane where the foot is inside, else the nearest of three segments.
+// The plane's distance if the projection is inside the triangle, otherwise the distance to the nearest of
+// three segments.
 double squared_to_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
     const Vec3d n = (b - a).cross(c - a);
     const double nn = n.squaredNorm();
@@ -60,7 +61,7 @@ std::vector<NearVertex> near_vertices(const Surfaces& surfaces, uint32_t a, uint
         }
         for (uint32_t v = 0; v < own.position.size(); ++v) {
             const Vec3d& p = own.position[v];
-            // beyond the box by more than the margin: neither inside nor near
+            // outside the box by more than the margin: neither inside nor near
             if ((p - low).minCoeff() < -margin || (high - p).minCoeff() < -margin) continue;
             const double d = other.signed_distance(p);
             if (d < margin) found.push_back({body, other_body, v, d});

@@ -23,7 +23,7 @@ Quad segment_squared(const Quad3& r, const Quad3& e) {
     const Quad3 q = combine(r, t, e, 0, e);
     return dot(q, q);
 }
-// the scale keeps the root's argument in the range of long double
+// the scale keeps the argument of the root in the range of long double
 double root(Quad squared) { return static_cast<double>(std::sqrt(static_cast<long double>(squared))); }
 
 Quad triangle_squared(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
@@ -38,7 +38,8 @@ Quad triangle_squared(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3
             least = dot(q, q);
         }
     }
-    // the sides always compete: where the determinant is noise, the foot point is some point of the triangle
+    // always compare with the sides: where the determinant is rounding noise, the projection is just some
+    // point of the triangle
     const Quad ab = segment_squared(r, u), ac = segment_squared(r, v), bc = segment_squared(difference(b, p), w);
     for (const Quad side : {ab, ac, bc}) least = side < least ? side : least;
     return least;
@@ -81,7 +82,7 @@ double brute_force_winding(std::span<const Vec3d> position, std::span<const Tria
             length[k] = std::sqrt(x[k][0] * x[k][0] + x[k][1] * x[k][1] + x[k][2] * x[k][2]);
         }
         const auto scalar = [&](int i, int j) { return x[i][0] * x[j][0] + x[i][1] * x[j][1] + x[i][2] * x[j][2]; };
-        // determinant by differences: the plain one cancels for far triangles
+        // determinant from differences: the direct formula cancels for distant triangles
         double u[3], v[3];
         for (int j = 0; j < 3; ++j) u[j] = x[1][j] - x[0][j], v[j] = x[2][j] - x[0][j];
         const double determinant =

@@ -7,12 +7,12 @@
 namespace trocar::reference {
 namespace {
 
-// nearest point of segment ab
+// closest point on segment ab
 Vec3d on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
     const double t = std::clamp((p - a).dot(b - a) / (b - a).squaredNorm(), 0.0, 1.0);
     return a + t * (b - a);
 }
-// nearest point of a triangle: the foot of the perpendicular if it lies inside, else on the nearest side
+// closest point on a triangle: the projection if it is inside, otherwise the closest point on a side
 Vec3d on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
     const Vec3d n = (b - a).cross(c - a).normalized();
     const Vec3d foot = p - n.dot(p - a) * n;
@@ -23,7 +23,7 @@ Vec3d on_triangle(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c
     return best;
 }
 
-// straight out of the nearest triangle until clear
+// moves the ball straight away from the closest triangle until it is clear
 Vec3d pushed_out(std::span<const Vec3d> position, std::span<const Triangle> triangle, Vec3d p, double radius) {
     for (int push = 0; push < 500; ++push) {
         Vec3d nearest = Vec3d::Zero();
@@ -50,7 +50,7 @@ Vec3d brute_force_proxy(std::span<const Vec3d> position, std::span<const Triangl
         if ((goal - next).norm() > before - 1e-6 * step) break;
         p = next;
     }
-    // random steps that shrink while none comes nearer
+    // random steps that shrink as long as none comes nearer
     std::mt19937 random(1);
     std::normal_distribution<double> normal;
     for (double length = step; length > 1e-4 * step;) {

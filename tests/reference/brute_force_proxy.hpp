@@ -4,9 +4,10 @@
 #include "components/mesh.hpp"
 namespace trocar::reference {
 
-// Where a ball of `radius` that starts at `start` (clear of the surface) ends when it is pulled towards `goal` with tiny
-// steps and pushed straight out of the surface after each, then shaken by ever smaller random steps while that brings
-// it nearer: a local minimum of the distance to the goal. Obvious and slow; no code shared with the product.
+// End position of a ball of `radius` that starts at `start` (clear of the surface) and is pulled towards
+// `goal` in tiny steps, is pushed straight out of the surface after each, and then tries ever smaller random
+// steps while they reduce the distance: a local minimum of the distance to the goal. Simple and slow; shares
+// no code with the product.
 Vec3d brute_force_proxy(std::span<const Vec3d> position, std::span<const Triangle> triangle, const Vec3d& start, const Vec3d& goal,
                         double radius, double step);
 

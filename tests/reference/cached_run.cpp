@@ -4,8 +4,8 @@
 #include <cstring>
 #include <fstream>
 
-#include "engine/state_hash.hpp"
-#include "engine/whole_file.hpp"
+#include "engine/files/state_hash.hpp"
+#include "engine/files/whole_file.hpp"
 namespace trocar::reference {
 namespace {
 
@@ -21,7 +21,7 @@ uint64_t hash_parameters(const Run& run) {
         hash.add_word(rows.size());
         hash.add_bytes(rows.data(), rows.size() * sizeof rows[0]);
     };
-    add_rows(b.place), add_rows(b.velocity), add_rows(b.inv_mass), add_rows(b.spring), add_rows(b.rest_length);
+    add_rows(b.position), add_rows(b.velocity), add_rows(b.inv_mass), add_rows(b.spring), add_rows(b.rest_length);
     add_rows(b.goal), add_rows(b.anchor);
     for (const double v : {b.stiffness, b.damping, b.last_dt, run.dt, double(b.shape), double(run.steps), double(run.frames)}) hash.add(v);
     for (uint32_t i = 0; i < run.steps * run.frames; ++i) hash.add(run.weight(i * run.dt));
@@ -39,9 +39,9 @@ bool read_frames(const std::filesystem::path& file, uint64_t parameters, const R
     Header header;
     if (!in.read(reinterpret_cast<char*>(&header), sizeof header)) return false;
     if (header.magic != Header{}.magic || header.parameters != parameters || header.frames != run.frames ||
-        header.points != run.body.place.size())
+        header.points != run.body.position.size())
         return false;
-    frames.assign(run.frames, std::vector<Vec3d>(run.body.place.size()));
+    frames.assign(run.frames, std::vector<Vec3d>(run.body.position.size()));
     for (auto& frame : frames) {
         if (!in.read(reinterpret_cast<char*>(frame.data()), static_cast<std::streamsize>(frame.size() * sizeof(Vec3d)))) return false;
     }
@@ -65,12 +65,12 @@ Frames cached_frames(const std::filesystem::path& folder, const Run& run, bool* 
             b.gravity = Vec3d(0, 0, -run.weight((f * run.steps + i) * run.dt));
             step(b, run.dt);
         }
-        frames.push_back(b.place);
+        frames.push_back(b.position);
     }
     if (folder.empty()) return frames;
     Header header;
     header.parameters = parameters, header.content = hash_frames(frames);
-    header.frames = run.frames, header.points = run.body.place.size();
+    header.frames = run.frames, header.points = run.body.position.size();
     std::string bytes(sizeof header, '\0');
     std::memcpy(bytes.data(), &header, sizeof header);
     for (const auto& frame : frames) bytes.append(reinterpret_cast<const char*>(frame.data()), frame.size() * sizeof(Vec3d));

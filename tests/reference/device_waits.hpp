@@ -1,11 +1,11 @@
 #pragma once
 #include <functional>
 
-#include "engine/device_link.hpp"
-#include "engine/real_time.hpp"
+#include "engine/devices/link.hpp"
+#include "engine/jobs/real_time.hpp"
 namespace trocar {
 
-// Waits for what another thread does; nothing is said about how soon.
+// Waits until another thread has made `done` true; asserts nothing about the duration.
 inline bool wait_until(const std::function<bool()>& done) {
     const int64_t end = monotonic_ns() + 20'000'000'000;
     while (monotonic_ns() < end) {

@@ -9,14 +9,14 @@ namespace {
 
 using Quad = __float128;
 using reference::BigInteger;
-constexpr int kShift = 1100;  // every double times 2^1100 is whole
+constexpr int kShift = 1100;  // every double times 2^1100 is an integer
 
 BigInteger whole(double a, double b) { return reference::scaled(a, kShift) - reference::scaled(b, kShift); }
 
 Quad size_of(Quad x) { return x < 0 ? -x : x; }
 
-// Sign of (a - p) x (b - p) in the plane of x and y. Differences of doubles err by less than 2^-112 of themselves, the
-// products and their difference by as much again: 2^-108 of the products is more than all of it.
+// Sign of (a - p) x (b - p) in the plane of x and y. Differences of doubles have relative errors below
+// 2^-112, and so have the products and their difference: 2^-108 of the products exceeds their sum.
 int turn(const Vec3d& a, const Vec3d& b, const Vec3d& p) {
     const Quad left = (Quad(a.x()) - p.x()) * (Quad(b.y()) - p.y());
     const Quad right = (Quad(a.y()) - p.y()) * (Quad(b.x()) - p.x());
@@ -25,7 +25,8 @@ int turn(const Vec3d& a, const Vec3d& b, const Vec3d& p) {
     return reference::sign_of(whole(a.x(), p.x()) * whole(b.y(), p.y()) - whole(a.y(), p.y()) * whole(b.x(), p.x()));
 }
 
-// Sign of the determinant of a - p, b - p, c - p: 1 where p is on the inner side of a face seen counter-clockwise.
+// Sign of the determinant of a - p, b - p, c - p: 1 if p is on the inner side of the face, whose corners are
+// counter-clockwise from outside.
 int side(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& p) {
     const Vec3d* corner[3] = {&a, &b, &c};
     Quad m[3][3], det = 0, permanent = 0;
@@ -48,7 +49,8 @@ int side(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& p) {
     return reference::sign_of(sum);
 }
 
-// The outline of a face around p seen along z: edges that cross the line y = p.y, half-open, to the right of p.
+// Winding of a face's outline around p, seen along z: edges that cross the line y = p.y (half-open) to the
+// right of p.
 int around(const std::array<const Vec3d*, 3>& corner, const Vec3d& p) {
     int count = 0;
     for (int k = 0; k < 3; ++k) {
@@ -76,7 +78,7 @@ bool exact_windings(std::span<const Vec3d> position, std::span<const Triangle> t
         if (count == 0) continue;
         const int s = side(*corner[0], *corner[1], *corner[2], p);
         if (s == 0) return false;
-        // seen from above counter-clockwise (count > 0) the face looks up, and p below it is on its inner side
+        // counter-clockwise from above (count > 0), the face points up and p below it is on its inner side
         if (s * count > 0) windings += count;
     }
     return true;

@@ -4,7 +4,7 @@
 #include <string>
 namespace trocar {
 
-// One gzip member around some bytes.
+// The bytes as one gzip member.
 inline std::string gzip(const std::string& plain) {
     z_stream stream{};
     deflateInit2(&stream, 6, Z_DEFLATED, 15 + 16, 8, Z_DEFAULT_STRATEGY);

@@ -3,13 +3,13 @@
 #include <cmath>
 #include <utility>
 
-#include "systems/haptic_tick.hpp"
+#include "systems/haptics/tick.hpp"
 namespace trocar::reference {
 
 inline constexpr double kRigTick = 1e-3;    // s
 inline constexpr double kRigRadius = 3e-3;  // m, of the tip
 
-// A tool and a surface, ticked by hand. No friction, no damping, no limit but where a test sets them.
+// A tool and a surface, ticked by the test. No friction, damping or limits except those a test sets.
 struct HapticRig {
     HapticParams params;
     LocalContactModel model;
@@ -25,7 +25,7 @@ struct HapticRig {
         tool.max_force = 1e9;
     }
     double time() const { return static_cast<double>(tick) * kRigTick; }
-    // one tick with the device there, at a speed
+    // one tick with the device at a position and velocity
     Vec3d at(const Vec3d& position, const Vec3d& velocity = Vec3d::Zero()) {
         DeviceState sample;
         sample.time = time();
@@ -35,11 +35,11 @@ struct HapticRig {
     }
     Vec3d with(const DeviceState& sample) {
         haptic_tick(params, model, time(), tool, sample, scratch, state);
-        // the surface stays as it was published: its age is the caller's business
+        // the surface stays as published: the caller sets its age
         ++tick;
         return state.command.force;
     }
-    // straight to a place at a speed (m/s)
+    // moves straight to a position at a speed (m/s)
     Vec3d go(const Vec3d& target, double speed) {
         const Vec3d begin = state.device_valid ? state.device.position : target;
         const int ticks = std::max(1, static_cast<int>(std::ceil((target - begin).norm() / (speed * kRigTick))));
@@ -62,23 +62,23 @@ inline HapticRig still_rig(LocalContactModel model) {
     return rig;
 }
 
-// A device of one axis, held by nothing: m a = F - b v.
+// A free device with one axis: m a = F - b v.
 struct FreeDevice {
     double mass = 0.1, damping = 0.5;  // kg, N s/m
     double x = 0, v = 0;               // m, m/s
-    double lost = 0;                   // J, to the damping so far
+    double lost = 0;                   // J, dissipated by damping so far
 
-    // Exact flow for one tick of constant force (N); returns the way (m).
+    // Exact solution for one tick with constant force (N); returns the displacement (m).
     double step(double force) {
         const double rate = damping / mass, decay = std::exp(-rate * kRigTick);
         const double terminal = force / damping, u = v - terminal;
-        const double way = terminal * kRigTick + u / rate * (1 - decay);
+        const double displacement = terminal * kRigTick + u / rate * (1 - decay);
         // integral of b v^2 over the tick with v = terminal + u e^(-rate t)
         lost +=
             damping * (terminal * terminal * kRigTick + 2 * terminal * u * (1 - decay) / rate + u * u * (1 - decay * decay) / (2 * rate));
         v = terminal + u * decay;
-        x += way;
-        return way;
+        x += displacement;
+        return displacement;
     }
 };
 

@@ -1,10 +1,10 @@
 #pragma once
-#include "components/haptics.hpp"
 #include "components/mesh.hpp"
-#include "systems/local_contact_model.hpp"
+#include "engine/haptics/local_contact_model.hpp"
+#include "systems/haptics/local_contact_model.hpp"
 namespace trocar::reference {
 
-// A model that shows the whole of a surface at rest.
+// A model of a whole surface at rest.
 inline LocalContactModel make_patch(const Mesh& mesh, double half_thickness = 0) {
     LocalContactModel model;
     model.reach = 100;

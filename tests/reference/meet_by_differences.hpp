@@ -17,8 +17,8 @@ inline Wide3 cross(const Wide3& a, const Wide3& b) {
 inline Wide3 minus(const Wide3& a, const Wide3& b) { return {a[0] - b[0], a[1] - b[1], a[2] - b[2]}; }
 inline bool is_zero(const Wide3& a) { return a[0] == 0 && a[1] == 0 && a[2] == 0; }
 
-// Where the origin lies to the hull of the points along n: -1 outside, 0 on the supporting plane, 1 inside; 2 when the
-// plane through `on` with normal n supports nothing.
+// Position of the origin relative to the hull of the points along n: -1 outside, 0 on the supporting plane, 1
+// inside; 2 if the plane through `on` with normal n is not a supporting plane.
 inline int beside_support(const std::vector<Wide3>& points, const Wide3& n, const Wide3& on) {
     bool above = false, below = false;
     for (const Wide3& p : points) {
@@ -32,9 +32,9 @@ inline int beside_support(const std::vector<Wide3>& points, const Wide3& n, cons
     return (origin > 0) == above ? 1 : -1;
 }
 
-// Oracle that shares nothing with the code under test: two convex sets have a common point exactly when the hull of
-// all differences of their corners holds the origin, and a common inner point when it does so in its relative
-// interior. Facets by brute force over triples (pairs in the plane) of the at most nine differences.
+// Oracle that shares nothing with the code under test: two convex sets have a common point exactly if the
+// hull of all differences of their corners contains the origin, and a common interior point if its relative
+// interior does. Facets by brute force over triples (pairs in the plane) of the at most nine differences.
 inline Meeting meet_by_differences(const std::vector<Point>& a, const std::vector<Point>& b) {
     std::vector<Wide3> d;
     for (const Point& p : a) {

@@ -3,11 +3,12 @@
 
 namespace trocar {
 
-// The folder of the checkout the tests were built from, and the program they were built beside.
+// The folder of the checkout that the tests were built from, and the program built with them.
 std::filesystem::path source_folder();
 std::filesystem::path program_path();
 
-// The folder of real surfaces and volumes: $TROCAR_SHARED_DATA, else shared/data beside the checkout. Empty when absent.
+// The folder of real surfaces and volumes: $TROCAR_SHARED_DATA, otherwise shared/data beside the checkout.
+// Empty if absent.
 std::filesystem::path shared_data_folder();
 
 }  // namespace trocar

@@ -1,12 +1,12 @@
 #pragma once
 #include "components/picture.hpp"
-#include "engine/mesh_topology.hpp"
-#include "engine/surfaces.hpp"
-#include "systems/picture_snapshot.hpp"
-#include "systems/surface_normals.hpp"
+#include "engine/mesh/mesh_topology.hpp"
+#include "engine/mesh/surfaces.hpp"
+#include "systems/output/picture_snapshot.hpp"
+#include "systems/output/surface_normals.hpp"
 namespace trocar::reference {
 
-// The least of a world that pictures are made from.
+// A minimal world for pictures.
 struct PictureScene {
     Meshes meshes;
     Bodies bodies;

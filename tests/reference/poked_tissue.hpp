@@ -4,15 +4,16 @@
 #include <random>
 
 #include "components/clock.hpp"
-#include "engine/device.hpp"
-#include "engine/thread_pool.hpp"
-#include "engine/world.hpp"
-#include "systems/frame.hpp"
-#include "systems/haptic_tick.hpp"
-#include "systems/haptic_tool.hpp"
+#include "engine/devices/device.hpp"
+#include "engine/jobs/thread_pool.hpp"
+#include "engine/world/world.hpp"
+#include "systems/frame/frame.hpp"
+#include "systems/haptics/tick.hpp"
+#include "systems/haptics/tool.hpp"
 namespace trocar::reference {
 
-// An arm that pokes tissue here and there, and what passes between it and the device by the forces that the device is told.
+// An arm that pokes tissue at several positions, and the energy exchanged with the device, from the commanded
+// forces.
 
 // Highest point of a body's surface within `near` (m) of a vertical line.
 inline Vec3d highest_near(const World& world, uint32_t body, double x, double y, double near) {
@@ -25,33 +26,33 @@ inline Vec3d highest_near(const World& world, uint32_t body, double x, double y,
     return top;
 }
 
-// Lets the first tool's hand have an arm (0.2 kg, 300 N/m) and poke `body`, which stands unturned, from above for `seconds`:
-// 1 to 2 Hz, at nine places, to where the arm means to be 2 to 20 mm deep; some pokes come to rest, some slide 10 mm while
-// they are deep.
+// Gives the first tool's hand an arm (0.2 kg, 300 N/m) that pokes `body`, which must not be rotated, from
+// above for `seconds`: 1 to 2 Hz, at nine positions, with target depths of 2 to 20 mm; some pokes come to
+// rest, some slide 10 mm while deep.
 inline void poke_at(World& world, uint32_t body, double seconds, uint32_t seed) {
     std::mt19937 random(seed);
     const auto between = [&](double low, double high) { return low + (high - low) * (random() / 4294967296.0); };
     HandTool& tool = world.haptics.tool[0];
     tool.hand = {};
     tool.hand.mass = 0.2, tool.hand.damping = 0.5, tool.hand.stiffness = 300, tool.hand.arm_damping = 4;
-    std::vector<Vec3d> place;
+    std::vector<Vec3d> position;
     for (const double x : {-0.03, 0.0, 0.03})
-        for (const double y : {-0.02, 0.0, 0.02}) place.push_back(highest_near(world, body, x, y, 5e-3));
+        for (const double y : {-0.02, 0.0, 0.02}) position.push_back(highest_near(world, body, x, y, 5e-3));
     std::vector<Keyframe> keys;
     const auto go = [&](double time, const Vec3d& to) { keys.push_back({time, to, {}, 0, 0}); };
     for (double time = 0; time < seconds;) {
-        const Vec3d top = place[random() % place.size()] + Vec3d(0, 0, tool.tip_radius);
-        const double period = between(0.5, 1), way = between(0.15, 0.4) * period, deep = between(2e-3, 20e-3);
+        const Vec3d top = position[random() % position.size()] + Vec3d(0, 0, tool.tip_radius);
+        const double period = between(0.5, 1), travel_time = between(0.15, 0.4) * period, deep = between(2e-3, 20e-3);
         const bool slides = random() % 3 == 0, rests = random() % 3 == 0;
         const Vec3d above = top + Vec3d(0, 0, 0.01), below = top - Vec3d(0, 0, deep);
         const Vec3d left = slides ? Vec3d(below + Vec3d(between(-0.01, 0.01), between(-0.01, 0.01), 0)) : below;
         const double held = rests || slides ? 0.2 * period : 0;
         go(time, above);
         go(time + 0.35 * period, above);
-        go(time + 0.35 * period + way, below);
-        if (held > 0) go(time + 0.35 * period + way + held, left);
-        go(time + 0.35 * period + 2 * way + held, left + Vec3d(0, 0, deep + 0.01));
-        time += 0.45 * period + 2 * way + held;
+        go(time + 0.35 * period + travel_time, below);
+        if (held > 0) go(time + 0.35 * period + travel_time + held, left);
+        go(time + 0.35 * period + 2 * travel_time + held, left + Vec3d(0, 0, deep + 0.01));
+        time += 0.45 * period + 2 * travel_time + held;
     }
     const uint32_t path = tool.path;
     world.paths.keys[path] = {static_cast<uint32_t>(world.paths.key.size()), static_cast<uint32_t>(keys.size())};
@@ -59,18 +60,18 @@ inline void poke_at(World& world, uint32_t body, double seconds, uint32_t seed) 
 }
 
 struct PokeEnergy {
-    double given = 0;       // J, by the hand to the device, all in all
-    double least = 0;       // J, least of that at any time
-    double least_poke = 0;  // J, least of it since a poke began, over all pokes: after 0.1 s without a force
-    double observer = 0;    // J, least that the device's own observer booked
+    double given = 0;       // J, total from the hand to the device
+    double least = 0;       // J, minimum of that over time
+    double least_poke = 0;  // J, minimum since the start of a poke (0.1 s without a force), over all pokes
+    double observer = 0;    // J, minimum of the device's own passivity observer
     double largest = 0;     // N
     uint32_t pokes = 0;
-    uint64_t unlike = 0;  // passes after which the frame had told the device something else
+    uint64_t unlike = 0;  // passes after which the frame had commanded a different force
 };
 
-// The first tool's ticks, found again beside those of the frame.
+// Recomputes the first tool's ticks alongside the frame's.
 struct PokeMeter {
-    static constexpr uint32_t kSilence = 100;  // ticks; tissue has come back by then
+    static constexpr uint32_t kSilence = 100;  // ticks; the tissue has recovered by then
     HandTool tool;
     Device device;  // reads from the world while it is stepped
     HapticScratch scratch;
@@ -86,7 +87,7 @@ struct PokeMeter {
         const DeviceState sample = hand_sample(tool, read_device(device, time), params.dt, state.output, state.hand);
         tick_tool(params, w.local_contact[0], time, tool, {}, sample, scratch, state);
         if (!placed) return;
-        const double given = -force.dot(state.hand.position - from);  // each force is held until the next tick
+        const double given = -force.dot(state.hand.position - from);  // the force is held for a tick
         energy.given += given, since_poke += given;
         energy.least = std::min(energy.least, energy.given), energy.least_poke = std::min(energy.least_poke, since_poke);
         energy.largest = std::max(energy.largest, state.output.force.norm());

@@ -1,10 +1,10 @@
 #pragma once
 #include <cmath>
 
-#include "content/tube.hpp"
+#include "content/shapes/tube.hpp"
 namespace trocar::reference {
 
-// Volume of a straight or bent tube with circular sections: pi * the integral of the square of the radius (Pappus).
+// Volume of a straight or bent tube with circular sections: pi * the integral of the squared radius (Pappus).
 inline double profile_volume(const RadiusProfile& profile) {
     double sum = 0;
     for (size_t i = 0; i + 1 < profile.key.size(); ++i) {

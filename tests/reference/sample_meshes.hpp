@@ -7,7 +7,7 @@
 #include "components/mesh.hpp"
 namespace trocar::reference {
 
-// Small shapes with known answers, outward oriented, welded.
+// Small shapes with known properties, oriented outward, welded.
 
 inline Mesh make_tetrahedron(const Vec3d& corner = Vec3d::Zero(), double size = 1) {
     Mesh m;
@@ -26,7 +26,7 @@ inline Mesh make_box(const Vec3d& low, const Vec3d& high) {
     return m;
 }
 
-// Octahedron split `level` times, every vertex on the sphere: 4^level * 8 triangles.
+// Octahedron subdivided `level` times, every vertex on the sphere: 4^level * 8 triangles.
 inline Mesh make_sphere(const Vec3d& centre, double radius, int level) {
     Mesh m;
     m.position = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
@@ -65,7 +65,7 @@ inline Mesh make_sheet(uint32_t n) {
     return m;
 }
 
-// Band of n quads with half a twist: cannot be oriented.
+// Band of n quads with half a twist: not orientable.
 inline Mesh make_moebius(uint32_t n) {
     Mesh m;
     for (uint32_t i = 0; i < n; ++i) {
@@ -94,7 +94,7 @@ inline void turn_inside_out(Mesh& m) {
     for (Triangle& t : m.triangle) std::swap(t[1], t[2]);
 }
 
-// Three vertices of its own for every triangle, as an STL file holds them.
+// Three separate vertices for every triangle, as in an STL file.
 inline Mesh make_soup(const Mesh& m) {
     Mesh soup;
     for (const Triangle& t : m.triangle) {

@@ -9,11 +9,11 @@
 #include "reference/paths.hpp"
 namespace trocar::reference {
 
-// Folder of real meshes that tests use in place when it is there.
+// Path in the folder of real meshes, which tests use if it exists.
 inline std::string shared_data(const std::string& file) { return (shared_data_folder() / file).string(); }
 
-// Throw-away readers of well-formed binary STL, OBJ and ASCII VTK polydata, independent of content/. Empty when the
-// file is absent.
+// Minimal readers of well-formed binary STL, OBJ and ASCII VTK polydata, independent of content/. Empty if
+// the file is absent.
 inline Mesh read_plain_mesh(const std::string& path) {
     Mesh m;
     std::ifstream in(path, std::ios::binary);

@@ -5,13 +5,13 @@
 #include <utility>
 
 #include "engine/geometry/quaternion.hpp"
-#include "engine/point_shell.hpp"
-#include "systems/haptic_shell.hpp"
+#include "engine/haptics/point_shell.hpp"
+#include "systems/haptics/point_shell_contact.hpp"
 #include "tests/reference/brute_force_distance.hpp"
 #include "tests/reference/local_patches.hpp"
 namespace trocar::reference {
 
-// A model that shows the whole of a surface at rest, its triangles knowing each other.
+// A model of a whole surface at rest, with adjacency of its triangles.
 inline LocalContactModel make_joined_patch(const Mesh& mesh, double half_thickness = 0) {
     LocalContactModel model = make_patch(mesh, half_thickness);
     std::map<std::pair<uint32_t, uint32_t>, std::pair<uint32_t, uint32_t>> half_edge;
@@ -24,21 +24,22 @@ inline LocalContactModel make_joined_patch(const Mesh& mesh, double half_thickne
     return model;
 }
 
-// An instrument with a shell and a surface, ticked by hand. No friction, no limit but where a test sets them.
+// An instrument with a point shell and a surface, ticked by the test. No friction or limits except those a
+// test sets.
 struct ShellRig {
     HapticParams params;
     LocalContactModel model;
     HandTool tool;
-    ShellScratch scratch;
+    PointShellScratch scratch;
     LocalContactScratch publishing;
     ToolState state;
     uint64_t tick = 0;
 
-    ShellRig(LocalContactModel surface, std::vector<ShellPoint> shell) : model(std::move(surface)) {
+    ShellRig(LocalContactModel surface, std::vector<ShellPoint> point_shell) : model(std::move(surface)) {
         params.model_timeout = params.device_timeout = 1e9;
         model.reach = 0.04;
-        tool.shell = std::move(shell);
-        tool.shell_radius = trocar::shell_radius(tool.shell);
+        tool.point_shell = std::move(point_shell);
+        tool.shell_radius = trocar::shell_radius(tool.point_shell);
         tool.coupling_stiffness = 500;
         tool.turn_stiffness = 1;
         tool.surface_stiffness = 5e4;
@@ -46,13 +47,13 @@ struct ShellRig {
         tool.max_force = 1e9;
     }
     double time() const { return static_cast<double>(tick) * 1e-3; }
-    // the surface anew, as a contact pass would
+    // publishes the surface again, as a contact pass would
     void publish(bool moved = false) {
         ++model.sequence;
         if (moved) model.time = time();
         model.reach = 0.04;
         group_triangles(model);
-        publish_outlook(params, tool, state, publishing, model);
+        publish_point_shell_cache(params, tool, state, publishing, model);
     }
     Vec3d at(const Vec3d& position, const Quat& turn = {}) {
         DeviceState sample;
@@ -64,11 +65,11 @@ struct ShellRig {
     Vec3d with(const DeviceState& sample) {
         if (!state.device_valid) state.device = sample;
         if (tick % 16 == 0) publish();
-        shell_tick(params, model, time(), tool, sample, scratch, state);
+        point_shell_tick(params, model, time(), tool, sample, scratch, state);
         ++tick;
         return state.command.force;
     }
-    // straight to a pose
+    // moves straight to a pose
     Vec3d go(const Vec3d& target, const Quat& turn, uint32_t ticks) {
         const Vec3d begin = state.device.position;
         const Quat from = state.device.orientation;
@@ -86,13 +87,13 @@ struct ShellRig {
     }
 };
 
-// Energy (J) of coupling and surface springs with the instrument at a pose, distances by brute force against a closed
-// surface: what a resting shell must be at the bottom of.
+// Energy (J) of coupling and surface springs with the instrument at a pose, with brute-force distances to a
+// closed surface. A shell at rest must be at its minimum.
 inline double shell_energy(const ShellRig& rig, const Vec3d& tip, const Quat& turn) {
     const HandTool& tool = rig.tool;
     double energy = 0.5 * tool.coupling_stiffness * (rig.state.device.position - tip).squaredNorm() +
                     0.5 * tool.turn_stiffness * rotation_vector(turn, rig.state.device.orientation).squaredNorm();
-    for (const ShellPoint& p : tool.shell) {
+    for (const ShellPoint& p : tool.point_shell) {
         const Vec3d at = tip + rotate(turn, p.arm);
         if (brute_force_winding(rig.model.position, rig.model.triangle, at) < 0.5) continue;
         const double d = brute_force_distance(rig.model.position, rig.model.triangle, at).distance;

@@ -20,7 +20,7 @@ Uniaxial pull_bar(SolidModel model, int n, double nu) {
     for (size_t i = 0; i < s.rest.size(); ++i) {
         const Vec3d& r = s.rest[i];
         if (r.z() < 1e-9) s.held[i][2] = true;
-        if (r.z() > length - 1e-9) s.held[i][2] = true, s.place[i].z() += strain * length;
+        if (r.z() > length - 1e-9) s.held[i][2] = true, s.position[i].z() += strain * length;
         if ((r - Vec3d(0, 0, 0)).norm() < 1e-9) s.held[i] = {true, true, true};
         if ((r - Vec3d(side, 0, 0)).norm() < 1e-9) s.held[i][1] = true;
     }
@@ -30,10 +30,10 @@ Uniaxial pull_bar(SolidModel model, int n, double nu) {
     std::array<double, 2> sum{}, count{};
     for (size_t i = 0; i < s.rest.size(); ++i) {
         if (s.rest[i].z() > length - 1e-9) pull -= force[i].z();
-        // sideways displacement of the faces x = 0 and x = side in the middle of the bar
+        // lateral displacement of the faces x = 0 and x = side in the middle of the bar
         if (std::abs(s.rest[i].z() - length / 2) > 0.3 * length) continue;
         const int face = s.rest[i].x() < 1e-9 ? 0 : s.rest[i].x() > side - 1e-9 ? 1 : -1;
-        if (face >= 0) sum[face] += s.place[i].x() - s.rest[i].x(), ++count[face];
+        if (face >= 0) sum[face] += s.position[i].x() - s.rest[i].x(), ++count[face];
     }
     return {pull / (side * side * strain), -(sum[1] / count[1] - sum[0] / count[0]) / (side * strain)};
 }
@@ -51,7 +51,7 @@ double hang_bar(SolidModel model, int n, double nu) {
     solve_statics(s, model);
     double end = 0, ends = 0;
     for (size_t i = 0; i < s.rest.size(); ++i)
-        if (s.rest[i].z() < 1e-9) end += s.rest[i].z() - s.place[i].z(), ++ends;
+        if (s.rest[i].z() < 1e-9) end += s.rest[i].z() - s.position[i].z(), ++ends;
     return end / ends / (weight * length * length / (2 * s.youngs_modulus));
 }
 
@@ -66,7 +66,7 @@ double sag_cantilever(SolidModel model, int n, double nu) {
     solve_statics(s, model);
     double tip = 0, count = 0;
     for (size_t i = 0; i < s.rest.size(); ++i) {
-        if (s.rest[i].x() > length - 1e-9) tip += s.rest[i].z() - s.place[i].z(), ++count;
+        if (s.rest[i].x() > length - 1e-9) tip += s.rest[i].z() - s.position[i].z(), ++count;
     }
     const double bending = 3 * weight * std::pow(length, 4) / (2 * modulus * depth * depth);
     const double shear = weight * length * length / (2 * (5.0 / 6) * modulus / (2 * (1 + nu)));
@@ -79,20 +79,20 @@ double press_sphere(SolidModel model, int cells, int contact_cells, double nu) {
     DoubleSolid s = box_solid(cells, cells, cells, h, nu);
     const auto pressed = [&](const Vec3d& r) { return r.z() < 1e-9 && std::hypot(r.x(), r.y()) < a + 1e-9; };
     for (size_t i = 0; i < s.rest.size(); ++i) {
-        const Vec3d r = s.rest[i];  // z runs into the body
+        const Vec3d r = s.rest[i];  // z points into the body
         const double across = std::hypot(r.x(), r.y()), far = r.norm();
         if (r.maxCoeff() > size - 1e-9) {
             const double scale = force * (1 + nu) / (2 * std::numbers::pi * kE * far);
             const double along_z = scale * (2 * (1 - nu) + r.z() * r.z() / (far * far));
             const double outward = scale * (across * r.z() / (far * far) - (1 - 2 * nu) * across / (far + r.z()));
             s.held[i] = {true, true, true};
-            s.place[i].z() += along_z;
-            if (across > 0) s.place[i] += outward / across * Vec3d(r.x(), r.y(), 0);
+            s.position[i].z() += along_z;
+            if (across > 0) s.position[i] += outward / across * Vec3d(r.x(), r.y(), 0);
             continue;
         }
         if (r.x() < 1e-9) s.held[i][0] = true;
         if (r.y() < 1e-9) s.held[i][1] = true;
-        if (pressed(r)) s.held[i][2] = true, s.place[i].z() += depth - across * across / (2 * radius);
+        if (pressed(r)) s.held[i][2] = true, s.position[i].z() += depth - across * across / (2 * radius);
     }
     solve_statics(s, model, 20);
     const std::vector<Vec3d> inner = solid_forces(s, model);

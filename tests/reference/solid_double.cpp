@@ -117,12 +117,12 @@ template <typename Use>
 void for_each_element(const DoubleSolid& s, SolidModel model, Use&& use) {
     for (const auto& t : s.tetrahedron) {
         std::array<Vec3d, 4> rest, p;
-        for (int i = 0; i < 4; ++i) rest[i] = s.rest[t[i]], p[i] = s.place[t[i]];
+        for (int i = 0; i < 4; ++i) rest[i] = s.rest[t[i]], p[i] = s.position[t[i]];
         use(t, model == SolidModel::kSprings ? spring_element(s, rest, p) : corotational_element(s, rest, p));
     }
 }
 
-// Row of each free axis, -1 if held.
+// Index of each free axis, -1 if held.
 std::vector<int> number_free(const DoubleSolid& s, int& count) {
     std::vector<int> row(3 * s.rest.size(), -1);
     count = 0;
@@ -135,7 +135,7 @@ std::vector<int> number_free(const DoubleSolid& s, int& count) {
 
 DoubleSolid make_double_solid(std::vector<Vec3d> rest, std::vector<std::array<uint32_t, 4>> tetrahedron) {
     DoubleSolid s;
-    s.place = rest;
+    s.position = rest;
     s.held.assign(rest.size(), {});
     s.load.assign(rest.size(), Vec3d::Zero());
     s.rest = std::move(rest);
@@ -193,7 +193,7 @@ double solve_statics(DoubleSolid& s, SolidModel model, int most_rounds) {
         const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> solver(matrix);
         const Eigen::VectorXd step = solver.solve(residual);
         for (size_t i = 0; i < row.size(); ++i)
-            if (row[i] >= 0) s.place[i / 3][i % 3] += step[row[i]];
+            if (row[i] >= 0) s.position[i / 3][i % 3] += step[row[i]];
         if (step.cwiseAbs().maxCoeff() < 1e-15) break;
     }
     return left;
@@ -245,7 +245,8 @@ void lattice_box(int nx, int ny, int nz, double h, double jitter, std::vector<Ve
         if (six_volume(position[t[0]], position[t[1]], position[t[2]], position[t[3]]) < 0) std::swap(t[2], t[3]);
         tetrahedron.push_back(t);
     };
-    // across every square face: an octahedron of four tetrahedra between two middles, or half a one at the outside
+    // across every square face: an octahedron of four tetrahedra between two cell centres, or half of one at
+    // the boundary
     for (int axis = 0; axis < 3; ++axis) {
         std::array<int, 3> i{};
         const int u = (axis + 1) % 3, v = (axis + 2) % 3;

@@ -1,0 +1,105 @@
+#include "content/mend/split_fans.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "engine/base/disjoint_sets.hpp"
+#include "engine/geometry/edge_table.hpp"
+namespace trocar {
+namespace {
+
+// Half-edge of one edge with its angle around the edge.
+struct Spoke {
+    double angle;
+    uint32_t half_edge;
+    bool forward;  // true: the solid is on the side of smaller angles; false: of larger ones
+};
+
+std::vector<Spoke> sort_around(const Mesh& mesh, const EdgeTable& table, uint32_t e) {
+    const Vec3d &tail = mesh.position[table.edge[e][0]], &head = mesh.position[table.edge[e][1]];
+    const Vec3d axis = (head - tail).normalized();
+    const Vec3d x = axis.unitOrthogonal(), y = axis.cross(x);
+    std::vector<Spoke> spokes;
+    for (const uint32_t h : table.users(e)) {
+        const Vec3d to = mesh.position[mesh.triangle[h / 3][(h + 2) % 3]] - tail;
+        spokes.push_back({std::atan2(to.dot(y), to.dot(x)), h, half_edge_start(mesh.triangle, h) == table.edge[e][0]});
+    }
+    std::stable_sort(spokes.begin(), spokes.end(), [](const Spoke& a, const Spoke& b) { return a.angle < b.angle; });
+    return spokes;
+}
+
+// Matches faces with solid between them like brackets: solid behind a face opens, solid before it closes.
+template <typename Join>
+void match_around(const std::vector<Spoke>& spokes, const Join& join) {
+    std::vector<size_t> open;
+    std::vector<uint8_t> matched(spokes.size(), 0);
+    for (size_t round = 0; round < 2 * spokes.size(); ++round) {
+        const size_t i = round % spokes.size();
+        if (matched[i]) continue;
+        if (!spokes[i].forward) {
+            if (round < spokes.size()) open.push_back(i);
+        } else if (!open.empty()) {
+            join(spokes[open.back()].half_edge, spokes[i].half_edge);
+            matched[open.back()] = matched[i] = 1;
+            open.pop_back();
+        }
+    }
+}
+
+}  // namespace
+
+SplitReport split_fans(Mesh& mesh, double apart) {
+    SplitReport report;
+    const uint32_t corners = static_cast<uint32_t>(3 * mesh.triangle.size());
+    const EdgeTable table = make_edge_table(mesh.triangle, static_cast<uint32_t>(mesh.position.size()));
+    std::vector<uint32_t> sets = make_sets(corners);
+    const auto join = [&](uint32_t h, uint32_t g) {
+        const auto next = [](uint32_t c) { return c / 3 * 3 + (c + 1) % 3; };
+        if (half_edge_start(mesh.triangle, h) == half_edge_start(mesh.triangle, g)) return;  // orientations disagree: stays a boundary
+        join_sets(sets, h, next(g));
+        join_sets(sets, next(h), g);
+    };
+    for (uint32_t e = 0; e < table.edge.size(); ++e) {
+        const auto users = table.users(e);
+        if (users.size() == 2) join(users[0], users[1]);
+        if (users.size() <= 2) continue;
+        ++report.edges;
+        match_around(sort_around(mesh, table, e), join);
+    }
+    // the fan with the lowest face keeps the vertex
+    const uint32_t before = static_cast<uint32_t>(mesh.position.size());
+    std::vector<uint32_t> fan_of_vertex(before, kNone), vertex_of_fan(corners, kNone);
+    std::vector<uint8_t> split(before, 0);
+    for (uint32_t c = 0; c < corners; ++c) {
+        if (find_set(sets, c) != c) continue;
+        const uint32_t v = mesh.triangle[c / 3][c % 3];
+        if (fan_of_vertex[v] == kNone) {
+            fan_of_vertex[v] = c;
+            vertex_of_fan[c] = v;
+        } else {
+            split[v] = 1;
+            vertex_of_fan[c] = static_cast<uint32_t>(mesh.position.size());
+            const Vec3d same = mesh.position[v];
+            mesh.position.push_back(same);
+            split.push_back(1);
+            ++report.vertices;
+        }
+    }
+    for (uint32_t c = 0; c < corners; ++c) mesh.triangle[c / 3][c % 3] = vertex_of_fan[find_set(sets, c)];
+    std::vector<Vec3d> sum(mesh.position.size(), Vec3d::Zero());
+    std::vector<uint32_t> count(mesh.position.size(), 0);
+    for (const Triangle& t : mesh.triangle) {
+        for (int k = 0; k < 3; ++k) {
+            if (!split[t[k]]) continue;
+            sum[t[k]] += mesh.position[t[(k + 1) % 3]] + mesh.position[t[(k + 2) % 3]];
+            count[t[k]] += 2;
+        }
+    }
+    for (uint32_t v = 0; v < split.size(); ++v) {
+        if (split[v] && count[v] > 0) mesh.position[v] += apart * (sum[v] / count[v] - mesh.position[v]);
+    }
+    return report;
+}
+
+}  // namespace trocar

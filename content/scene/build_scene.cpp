@@ -1,0 +1,639 @@
+#include "content/scene/build_scene.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <compare>
+#include <limits>
+#include <map>
+#include <numbers>
+
+#include "content/mend/admission.hpp"
+#include "content/mend/clean_mesh.hpp"
+#include "content/mend/unit_guess.hpp"
+#include "content/read/load_mesh.hpp"
+#include "content/scene/build_links.hpp"
+#include "content/scene/build_nodes.hpp"
+#include "content/scene/make_prototype.hpp"
+#include "content/scene/make_solid.hpp"
+#include "content/shapes/shape_library.hpp"
+#include "engine/base/check.hpp"
+#include "engine/base/error.hpp"
+#include "engine/devices/device.hpp"
+#include "engine/geometry/point_triangle.hpp"
+#include "engine/haptics/point_shell.hpp"
+#include "engine/jobs/parallel.hpp"
+#include "engine/mesh/mass_properties.hpp"
+#include "engine/mesh/mesh_topology.hpp"
+#include "engine/tissue/bending_forces.hpp"
+#include "engine/tissue/deformable_setup.hpp"
+#include "engine/tissue/embedded_surface.hpp"
+#include "engine/tissue/links.hpp"
+#include "engine/tissue/pressure_force.hpp"
+#include "engine/tissue/solid_limit.hpp"
+#include "engine/tissue/solid_setup.hpp"
+#include "engine/tissue/tet_forces.hpp"
+namespace trocar {
+namespace fs = std::filesystem;
+namespace {
+
+[[noreturn]] void refuse_body(const SceneFile& scene, const BodySpec& spec, const std::string& reason) {
+    refuse(scene, spec.line, "body \"" + spec.name + "\": " + reason);
+}
+
+fs::path find_file(const SceneFile& scene, const std::string& name) {
+    const fs::path given(name);
+    std::error_code error;
+    if (given.is_absolute() || fs::exists(given, error)) return given;
+    return scene.path.parent_path() / given;
+}
+
+Mesh load_body_mesh(const SceneFile& scene, const BodySpec& body, Looks looks, std::vector<std::string>& warnings) {
+    if (!body.file.empty()) {
+        LoadedMesh loaded;
+        try {
+            loaded = load_mesh(find_file(scene, body.file));
+        } catch (const InputError& error) {
+            refuse(scene, body.line, error.what());
+        }
+        warnings.insert(warnings.end(), loaded.warnings.begin(), loaded.warnings.end());
+        return std::move(loaded.mesh);
+    }
+    const std::vector<std::string> names = shape_names();
+    if (std::find(names.begin(), names.end(), body.shape) == names.end()) {
+        std::string list;
+        for (const std::string& n : names) list += (list.empty() ? "" : ", ") + n;
+        refuse(scene, body.line, "no shape \"" + body.shape + "\"; there are " + list);
+    }
+    return make_shape(body.shape, body.triangles, body.seed, looks);
+}
+
+// Factor from file units to metres.
+double mesh_scale(const BodySpec& body, const Mesh& mesh) {
+    Box box;
+    for (const Vec3d& p : mesh.position) box.min = box.min.cwiseMin(p), box.max = box.max.cwiseMax(p);
+    const Vec3d extent = box.max - box.min;
+    if (body.size > 0) return body.size / std::max(extent.maxCoeff(), 1e-300);
+    if (body.scale > 0) return body.scale;
+    return guess_unit(extent.norm()).metres;
+}
+
+Box world_box(const World& world, uint32_t body) {
+    const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
+    Box box;
+    for (uint32_t v = 0; v < info.vertices.count; ++v) {
+        const Vec3d p = world.poses.origin[body] + rotate(world.poses.orientation[body], world.meshes.position[info.vertices.first + v]);
+        box.min = box.min.cwiseMin(p), box.max = box.max.cwiseMax(p);
+    }
+    return box;
+}
+
+void place_above(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
+    const auto& names = world.bodies.name;
+    const auto found = std::find(names.begin(), names.begin() + body, spec.above);
+    if (found == names.begin() + body)
+        refuse(scene, spec.line, "above = \"" + spec.above + "\" names no body before \"" + spec.name + "\"");
+    const Box below = world_box(world, static_cast<uint32_t>(found - names.begin())), own = world_box(world, body);
+    Vec3d shift = 0.5 * (below.min + below.max - own.min - own.max);
+    shift.z() = below.max.z() + spec.gap - own.min.z();
+    world.poses.origin[body] += shift + Vec3d(spec.position.x(), spec.position.y(), 0);
+}
+
+// Stable step (s) that the surface mesh, embedded in a coarser shell, would have if it were simulated itself.
+double step_of_skin(const World& world, uint32_t body) {
+    Springs springs;
+    Bodies bodies = world.bodies;
+    Particles particles;
+    Anchors anchors;
+    add_springs(springs, world.meshes, bodies.mesh[body]);
+    const MeshView skin = mesh_view(world.meshes, bodies.mesh[body]);
+    if (has_pressure(bodies, body)) add_fans(springs, skin, bodies.mesh[body]);
+    if (has_bending(bodies, body)) add_hinges(springs, skin, bodies.mesh[body]);
+    add_deformable(world.meshes, springs, world.poses, body, bodies, particles, anchors);
+    return bodies.stable_dt[body];
+}
+
+std::string body_note(const World& world, uint32_t body, const Prototype& made) {
+    constexpr const char* kMotions[] = {"static", "kinematic", "hand", "deformable", "free"};
+    const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
+    char text[256];
+    std::snprintf(text, sizeof text, "%s: %u vertices, %u triangles, %s, %.1f ml", world.bodies.name[body].c_str(), info.vertices.count,
+                  info.triangles.count, kMotions[static_cast<size_t>(world.bodies.motion[body])], info.volume * 1e6);
+    std::string note = text;
+    if (is_solid(world.solids, world.bodies.mesh[body])) {
+        const SolidInfo& solid = world.solids.info[world.bodies.mesh[body]];
+        std::snprintf(text, sizeof text, ", solid of %u tetrahedra, %u nodes%s", solid.count, solid.nodes.count,
+                      solid.skin.count > 0 ? " under this skin" : "");
+        note += text;
+    } else if (has_own_nodes(world.solids, world.bodies.mesh[body])) {
+        std::snprintf(text, sizeof text, ", under this skin a shell of %u nodes, whose step is %.3g times that of the skin itself",
+                      world.solids.info[world.bodies.mesh[body]].nodes.count, world.bodies.stable_dt[body] / step_of_skin(world, body));
+        note += text;
+    }
+    if (is_deformable(world.bodies, body)) {
+        constexpr const char* kIntegrators[] = {"leapfrog", "midpoint"};
+        std::snprintf(text, sizeof text, ", E %.3g Pa, explicit step at most %.3g ms, stepped by %s",
+                      world.bodies.tissue[body].youngs_modulus, world.bodies.stable_dt[body] * 1e3,
+                      kIntegrators[static_cast<size_t>(stepping_of(world.bodies, body).integrator)]);
+        note += text;
+    }
+    if (const RigidMass* free = find_rigid_mass(world.bodies, body)) {
+        std::snprintf(text, sizeof text, ", %.4g kg", free->mass);
+        note += text;
+    }
+    const std::string changes = describe_cleaning(made.cleaning);
+    if (!changes.empty()) note += "; " + changes;
+    return note;
+}
+
+void fix_vertices_below(World& world, uint32_t body, double z) {
+    const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
+    const Range particles = world.bodies.particles[body];
+    const bool solid = has_own_nodes(world.solids, world.bodies.mesh[body]);
+    const uint32_t skin = embedded_count(world.solids, world.bodies.mesh[body]), surface = skin > 0 ? 0 : info.vertices.count;
+    for (uint32_t v = 0; v < surface; ++v)
+        if (world.meshes.position[info.vertices.first + v].z() < z) world.particles.offset[particles.first + v].w = 0;
+    if (!solid) return;
+    const Range inner = world.solids.info[world.bodies.mesh[body]].inner;
+    for (uint32_t i = 0; i < inner.count; ++i)
+        if (world.solids.position[inner.first + i].z() < z) world.particles.offset[particles.first + skin + surface + i].w = 0;
+}
+
+void add_path(Paths& paths, uint32_t body, const std::vector<Keyframe>& keys) {
+    paths.body.push_back(body);
+    paths.keys.push_back({static_cast<uint32_t>(paths.key.size()), static_cast<uint32_t>(keys.size())});
+    paths.key.insert(paths.key.end(), keys.begin(), keys.end());
+}
+
+double area_of(const MeshView& mesh) {
+    double area = 0;
+    for (const Triangle& t : mesh.triangle)
+        area += 0.5 * triangle_normal(mesh.position[t[0]], mesh.position[t[1]], mesh.position[t[2]]).norm();
+    return area;
+}
+
+// Distributes the points of the point shell over the instrument and its jaws, in proportion to their areas.
+void spread_points(const ToolSpec& spec, const World& world, HandTool& tool) {
+    const auto mesh_of = [&](uint32_t body) { return mesh_view(world.meshes, world.bodies.mesh[body]); };
+    const auto jaws = std::span(world.haptics.jaw).subspan(tool.jaws.first, tool.jaws.count);
+    double area = area_of(mesh_of(tool.body));
+    for (const ToolJaw& jaw : jaws) area += area_of(mesh_of(jaw.body));
+    const auto share = [&](uint32_t body) { return std::max(10u, static_cast<uint32_t>(spec.points * area_of(mesh_of(body)) / area)); };
+    tool.point_shell = make_point_shell(mesh_of(tool.body), spec.tip, jaws.empty() ? spec.points : share(tool.body));
+    tool.shell_radius = shell_radius(tool.point_shell);
+    tool.shell_jaw.assign(jaws.begin(), jaws.end());
+    for (uint32_t j = 0; j < jaws.size(); ++j) {
+        std::vector<ShellPoint> points = make_point_shell(mesh_of(jaws[j].body), Vec3d::Zero(), share(jaws[j].body));
+        // bound for every jaw angle
+        tool.shell_radius = std::max(tool.shell_radius, (jaws[j].pivot - spec.tip).norm() + shell_radius(points));
+        for (ShellPoint& p : points) p.jaw = j;
+        tool.point_shell.insert(tool.point_shell.end(), points.begin(), points.end());
+    }
+}
+
+// Gives a tool 6-DOF haptics with a point shell on the whole body. Rotation follows the hand as quickly as
+// translation; both are critically damped.
+void give_shell(const SceneFile& scene, const ToolSpec& spec, const World& world, HandTool& tool) {
+    const auto fail = [&](const std::string& why) { refuse(scene, spec.line, "tool \"" + spec.body + "\" with dof = 6: " + why); };
+    const double mass = world.bodies.inv_mass[tool.body] > 0 ? 1 / world.bodies.inv_mass[tool.body] : 0;
+    if (!(mass > 0)) fail("its body needs a mass");
+    if (!(spec.stiffness > 0)) fail("it needs a stiffness");
+    spread_points(spec, world, tool);
+    if (tool.point_shell.empty()) fail("its body has no surface");
+    tool.turn_stiffness = spec.turn_stiffness;
+    tool.inertia = mass * spec.turn_stiffness / spec.stiffness;
+    tool.coupling_damping = spec.damping >= 0 ? spec.damping : 2 * std::sqrt(spec.stiffness * mass);
+    tool.turn_damping = spec.turn_damping >= 0 ? spec.turn_damping : 2 * std::sqrt(spec.turn_stiffness * tool.inertia);
+    tool.surface_stiffness = spec.surface_stiffness > 0 ? spec.surface_stiffness : 100 * spec.stiffness;
+    if (spec.hand.mass <= 0 || spec.hand.damping <= 0) return;
+    const double limit = spec.hand.damping / (0.5e-3 + 1e-3 * spec.hand.delay);
+    char text[160];
+    std::snprintf(text, sizeof text, "stiffness %g N/m is more than a device of %g N s/m takes quietly at 1 kHz: at most %g",
+                  spec.stiffness, spec.hand.damping, limit);
+    if (spec.stiffness > limit) fail(text);
+}
+
+// Adds the jaws, which collide neither with their instrument nor with each other.
+void add_jaws(const SceneFile& scene, const ToolSpec& spec, World& world, HandTool& tool) {
+    tool.grip_closed = spec.grip_closed;
+    tool.jaws = {static_cast<uint32_t>(world.haptics.jaw.size()), static_cast<uint32_t>(spec.jaws.size())};
+    for (const JawSpec& s : spec.jaws) {
+        const auto& names = world.bodies.name;
+        const auto found = std::find(names.begin(), names.end(), s.body);
+        if (found == names.end()) refuse(scene, s.line, "no body is named \"" + s.body + "\"");
+        const uint32_t body = static_cast<uint32_t>(found - names.begin());
+        const auto& jaws = world.haptics.jaw;
+        if (world.bodies.motion[body] != Motion::kHand || body == tool.body ||
+            std::any_of(jaws.begin(), jaws.end(), [&](const ToolJaw& j) { return j.body == body; }))
+            refuse(scene, s.line, "body \"" + s.body + "\" of a jaw must have motion = \"hand\" and be nothing else");
+        world.haptics.jaw.push_back(s.jaw);
+        world.haptics.jaw.back().body = body;
+    }
+}
+
+// Excludes collisions among the bodies of one instrument: ascending pairs.
+void keep_jaws_apart(World& world) {
+    auto& apart = world.nodes.apart;
+    for (const HandTool& tool : world.haptics.tool) {
+        std::vector<uint32_t> parts{tool.body};
+        for (uint32_t j = tool.jaws.first; j < tool.jaws.end(); ++j) parts.push_back(world.haptics.jaw[j].body);
+        for (size_t a = 0; a < parts.size(); ++a)
+            for (size_t b = 0; b < a; ++b) apart.push_back({std::min(parts[a], parts[b]), std::max(parts[a], parts[b])});
+    }
+    std::sort(apart.begin(), apart.end());
+    apart.erase(std::unique(apart.begin(), apart.end()), apart.end());
+}
+
+void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
+    const auto& names = world.bodies.name;
+    const auto found = std::find(names.begin(), names.end(), spec.body);
+    if (found == names.end()) refuse(scene, spec.line, "no body is named \"" + spec.body + "\"");
+    HandTool tool;
+    tool.body = static_cast<uint32_t>(found - names.begin());
+    if (world.bodies.motion[tool.body] != Motion::kHand)
+        refuse(scene, spec.line, "body \"" + spec.body + "\" of a tool must have motion = \"hand\"");
+    tool.tip = spec.tip;
+    tool.tip_radius = spec.tip_radius;
+    tool.coupling_stiffness = spec.stiffness;
+    tool.coupling_damping = spec.damping;
+    tool.max_force = spec.max_force;
+    tool.friction = spec.friction;
+    tool.pass_through = spec.pass_through;
+    tool.hand = spec.hand;
+    tool.workspace = spec.workspace;
+    tool.pivot = spec.pivot;
+    tool.limits = spec.limits;
+    add_jaws(scene, spec, world, tool);
+    if (spec.dof == 6) give_shell(scene, spec, world, tool);
+    tool.effects = {static_cast<uint32_t>(world.haptics.effect.size()), static_cast<uint32_t>(spec.effects.size())};
+    world.haptics.effect.insert(world.haptics.effect.end(), spec.effects.begin(), spec.effects.end());
+    if (world.haptics.tool.size() == kMaxTools) refuse(scene, spec.line, "more than " + std::to_string(kMaxTools) + " tools");
+    if (!spec.trace.empty()) {
+        tool.trace = static_cast<uint32_t>(world.haptics.trace.size());
+        world.haptics.trace.push_back(read_device_trace(find_file(scene, spec.trace)));
+    } else {
+        tool.path = static_cast<uint32_t>(world.paths.body.size());
+        add_path(world.paths, kNone, spec.path);
+    }
+    world.haptics.tool.push_back(tool);
+    world.haptics.state.emplace_back();
+    const uint32_t row = static_cast<uint32_t>(world.haptics.tool.size() - 1);
+    add_tool_exchanges(scene, spec, world, row);
+    for (uint32_t t = row + 1; t < world.haptics.tool.size() && spec.dof == 6; ++t) {
+        ToolSpec other = spec;  // the point shell covers this instrument's own body
+        other.body = world.bodies.name[world.haptics.tool[t].body];
+        other.tip = world.haptics.tool[t].tip;
+        give_shell(scene, other, world, world.haptics.tool[t]);
+    }
+}
+
+Camera make_camera(const CameraSpec& spec) {
+    Camera camera;
+    camera.kind = spec.kind == "laparoscope" ? CameraKind::kLaparoscope : CameraKind::kOrbit;
+    camera.target = spec.target;
+    camera.position = spec.position;
+    camera.azimuth = spec.azimuth * std::numbers::pi / 180;
+    camera.elevation = spec.elevation * std::numbers::pi / 180;
+    camera.field_of_view = spec.fov * std::numbers::pi / 180;
+    camera.distance = spec.distance;
+    return camera;
+}
+
+}  // namespace
+
+void make_deformable(World& world, uint32_t body, double fixed_below) {
+    TROCAR_ASSERT(body < world.bodies.mesh.size() && is_deformable(world.bodies, body));
+    const uint32_t prototype = world.bodies.mesh[body];
+    if (world.springs.info.size() <= prototype || world.springs.info[prototype].slices.count == 0)
+        add_springs(world.springs, world.meshes, prototype);
+    // the springs of a shell under an embedded surface were created with its particles
+    const bool rides = has_own_nodes(world.solids, prototype);
+    if (has_pressure(world.bodies, body) && !rides) add_fans(world.springs, mesh_view(world.meshes, prototype), prototype);
+    if (has_bending(world.bodies, body) && !rides) add_hinges(world.springs, mesh_view(world.meshes, prototype), prototype);
+    if (is_solid(world.solids, prototype))
+        add_solid_body(world.meshes, world.springs, world.solids, world.poses, body, world.bodies, world.particles, world.anchors);
+    else if (has_own_nodes(world.solids, prototype))
+        add_caged_shell_body(world.meshes, world.springs, world.solids, world.poses, body, world.bodies, world.particles, world.anchors);
+    else
+        add_deformable(world.meshes, world.springs, world.poses, body, world.bodies, world.particles, world.anchors);
+    fix_vertices_below(world, body, fixed_below);
+    if (is_solid(world.solids, prototype))
+        update_solid_dt(world.meshes, world.springs, world.solids, body, world.particles, world.anchors, world.bodies);
+    else
+        update_stable_dt(world.springs, body, world.particles, world.anchors, world.bodies);
+}
+
+Integrator pick_integrator(const World& world, uint32_t body, double wanted_error, std::string& why) {
+    constexpr double kMostStepsPerMs = 5, kMidpointError = 1e-4;
+    const Range range = world.bodies.particles[body];
+    const uint32_t prototype = world.bodies.mesh[body];
+    // the particles of a solid; an elastic foundation of negligible depth holds nothing
+    const uint32_t first = range.first + embedded_count(world.solids, prototype),
+                   nodes = count_nodes(world.meshes, world.solids, prototype);
+    bool held = world.bodies.anchor_frame[body] == AnchorFrame::kWorld && world.bodies.tissue[body].depth < kNoFoundation;
+    for (uint32_t v = 0; v < nodes && !held; ++v) held = !(world.particles.offset[first + v].w > 0);
+    const double steps = 1e-3 / world.bodies.stable_dt[body];
+    char text[160];
+    std::snprintf(text, sizeof text, "%.3g explicit steps a ms, %s, %.3g mm wanted", steps, held ? "held" : "free", wanted_error * 1e3);
+    why = text;
+    // midpoint treats these forces explicitly, so they limit its step as they limit leapfrog's
+    if (has_pressure(world.bodies, body) || has_bending(world.bodies, body)) {
+        why += ", pressure or bending";
+        return Integrator::kLeapfrog;
+    }
+    return steps > kMostStepsPerMs && held && wanted_error >= kMidpointError ? Integrator::kMidpoint : Integrator::kLeapfrog;
+}
+
+namespace {
+
+// One closest-point tree: the body it is made for, and an earlier tree of the same prototype, or kNone.
+struct TreePlan {
+    uint32_t body, like;
+};
+
+// Plans one tree per deformable body and one per prototype for all rigid copies; stores them in bodies.tree.
+std::vector<TreePlan> plan_trees(Bodies& bodies) {
+    std::vector<TreePlan> plan;
+    std::map<uint32_t, uint32_t> rigid, first;  // prototype -> tree
+    for (uint32_t body = 0; body < bodies.mesh.size(); ++body) {
+        const uint32_t row = static_cast<uint32_t>(plan.size()), prototype = bodies.mesh[body];
+        bodies.tree[body] = is_deformable(bodies, body) ? row : rigid.try_emplace(prototype, row).first->second;
+        if (bodies.tree[body] != row) continue;
+        const auto [like, fresh] = first.try_emplace(prototype, row);
+        plan.push_back({body, fresh ? kNone : like->second});
+    }
+    return plan;
+}
+
+std::unique_ptr<ClosestPointTree> make_tree(const World& world, uint32_t body, const ClosestPointTree* like) {
+    const MeshView view = mesh_view(world.meshes, world.bodies.mesh[body]);
+    const TreeSearch search = world.settings.contact.search;
+    if (!is_deformable(world.bodies, body)) return std::make_unique<ClosestPointTree>(view, like, search);
+    const Range range = world.bodies.particles[body];
+    TROCAR_ASSERT(range.count > 0 && "make_trees comes after make_deformable");
+    return std::make_unique<ClosestPointTree>(view, std::span(world.particles.offset).subspan(range.first, range.count), like, search);
+}
+
+}  // namespace
+
+void make_trees(World& world) {
+    constexpr uint32_t kGrain = 16;  // for ten thousand copies, each takes some microseconds
+    const std::vector<TreePlan> plan = plan_trees(world.bodies);
+    if (!plan.empty()) start_embree();
+    world.trees.clear();
+    world.trees.resize(plan.size());
+    for (const bool copies : {false, true}) {
+        parallel_for(static_cast<uint32_t>(plan.size()), copies ? kGrain : 1, [&](uint32_t begin, uint32_t end) {
+            for (uint32_t row = begin; row < end; ++row) {
+                const auto [body, like] = plan[row];
+                if ((like != kNone) == copies) world.trees[row] = make_tree(world, body, copies ? world.trees[like].get() : nullptr);
+            }
+        });
+    }
+    for (const auto& tree : world.trees)
+        if (world.settings.contact.cross_check) tree->cross_check(true);
+}
+
+namespace {
+
+bool may_tear(const SceneFile& scene, const BodySpec& spec) {
+    const bool cut = std::any_of(scene.cuts.begin(), scene.cuts.end(), [&](const CutSpec& c) { return c.body == spec.name; });
+    return spec.motion == Motion::kDeformable && (cut || std::isfinite(spec.break_strain));
+}
+
+Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
+    if (spec.motion != Motion::kDeformable || (!spec.solid && !spec.skin)) return make_prototype(world.meshes, std::move(mesh), options);
+    if (spec.solid && (spec.tissue.pressure_modulus > 0 || spec.tissue.bending > 0))
+        refuse_body(scene, spec, "pressure_modulus and bending are for shells, not for solids");
+    if (!spec.solid && may_tear(scene, spec))
+        refuse_body(scene, spec,
+                    "a shell under a skin is not cut and does not break: its skin would stretch over the gap; take skin = false");
+    try {
+        if (!spec.solid)
+            return make_caged_shell(world.meshes, world.springs, world.solids, std::move(mesh), options,
+                                    {.spacing = spec.spacing,
+                                     .cells = spec.cells,
+                                     .pressure = spec.tissue.pressure_modulus > 0,
+                                     .bending = spec.tissue.bending > 0});
+        return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options,
+                          {spec.spacing, spec.cells, spec.skin, may_tear(scene, spec)});
+    } catch (const InputError& error) {
+        refuse_body(scene, spec, error.what());
+    }
+}
+
+// Two bodies with equal keys share a prototype.
+struct PrototypeKey {
+    std::string own;  // the body's name, if it tears or has regions and so needs its own prototype
+    std::string file, shape;
+    uint32_t triangles;
+    uint64_t seed;
+    double scale, size, cells, spacing;
+    std::array<float, 3> color;
+    bool deformable, solid, skin, swells, bends;  // the last two only where they belong to the prototype
+    auto operator<=>(const PrototypeKey&) const = default;
+};
+
+PrototypeKey key_of(const SceneFile& scene, const BodySpec& spec) {
+    const bool caged = spec.skin && !spec.solid;
+    return {may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "",
+            spec.file,
+            spec.shape,
+            spec.triangles,
+            spec.seed,
+            spec.scale,
+            spec.size,
+            spec.cells,
+            spec.spacing,
+            spec.color,
+            spec.motion == Motion::kDeformable,
+            spec.solid,
+            spec.skin,
+            caged && spec.tissue.pressure_modulus > 0,
+            caged && spec.tissue.bending > 0};
+}
+
+// Prototypes of a scene. Bodies with the same source share one, but rigid and deformable bodies do not share:
+// springs are created in the order of the prototypes.
+struct PrototypeCache {
+    Looks looks = Looks::kPainted;
+    std::map<PrototypeKey, Prototype> made;
+    // The most recent shape: generating dominates the cost, and a scene may use a shape in several colours.
+    std::string shape_name;
+    uint32_t shape_triangles = 0;
+    uint64_t shape_seed = 0;
+    Mesh shape;
+
+    Mesh load(const SceneFile& scene, const BodySpec& spec, std::vector<std::string>& warnings) {
+        if (!spec.file.empty()) return load_body_mesh(scene, spec, looks, warnings);
+        if (shape_name != spec.shape || shape_triangles != spec.triangles || shape_seed != spec.seed) {
+            // a body with a colour of its own shows no texture
+            const auto shows_texture = [&](const BodySpec& other) {
+                return other.color[0] < 0 && other.shape == spec.shape && other.triangles == spec.triangles && other.seed == spec.seed;
+            };
+            const bool seen = looks == Looks::kPainted && std::any_of(scene.bodies.begin(), scene.bodies.end(), shows_texture);
+            shape = load_body_mesh(scene, spec, seen ? Looks::kPainted : Looks::kPlain, warnings);
+            shape_name = spec.shape, shape_triangles = spec.triangles, shape_seed = spec.seed;
+        }
+        return shape;
+    }
+
+    const Prototype& get(const SceneFile& scene, const BodySpec& spec, World& world, std::vector<std::string>& warnings) {
+        const PrototypeKey key = key_of(scene, spec);
+        if (const auto found = made.find(key); found != made.end()) return found->second;
+        Mesh mesh = load(scene, spec, warnings);
+        if (spec.color[0] >= 0) {
+            if (mesh.material.empty()) mesh.material.emplace_back();
+            for (Material& m : mesh.material) m.diffuse = spec.color, m.image = {}, m.texture.clear();
+        }
+        PrototypeOptions options;
+        options.scale = mesh_scale(spec, mesh);
+        options.recentre = spec.file.empty() ? Recentre::kNone : Recentre::kVolumeCentroid;
+        Prototype prototype = make_body_prototype(scene, spec, world, std::move(mesh), options);
+        const std::string source = spec.file.empty() ? "shape " + spec.shape : spec.file;
+        if (prototype.row == kNone) refuse_body(scene, spec, source + ": " + prototype.judgement.reason);
+        if (prototype.judgement.admitted_as != Admission::kSolid)
+            warnings.push_back("body \"" + spec.name + "\" is treated as " + admission_name(prototype.judgement.admitted_as) + ": " +
+                               prototype.judgement.reason);
+        return made.emplace(key, std::move(prototype)).first->second;
+    }
+};
+
+// Largest step (s) for the forces that implicit steps treat explicitly: pressure and bending. Midpoint is
+// stable up to 2 / omega, like leapfrog; alternating with backward Euler (in contact), up to 2 / (sqrt(3)
+// omega).
+double other_forces_limit(const World& world, uint32_t body) {
+    double omega_squared = 0;
+    if (has_pressure(world.bodies, body)) omega_squared += pressure_omega_squared(world.springs, world.bodies, world.particles, body);
+    if (has_bending(world.bodies, body)) omega_squared += bending_omega_squared(world.springs, world.bodies, world.particles, body);
+    return omega_squared > 0 ? kStableShare * 2 / std::sqrt(3 * omega_squared) : std::numeric_limits<double>::infinity();
+}
+
+// Stepping parameters of a body for an integrator; step and iterations come from the scene, 0 = default.
+Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World& world, uint32_t body, Integrator integrator) {
+    const double step = spec.step;
+    Stepping stepping;
+    stepping.integrator = integrator;
+    const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
+    const double limit = world.bodies.stable_dt[body];
+    const double others = other_forces_limit(world, body);
+    char text[200];
+    if (integrator != Integrator::kLeapfrog && step > others) {
+        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step under pressure and bending, %.4g s", step, others);
+        refuse_body(scene, spec, text);
+    }
+    if (integrator == Integrator::kLeapfrog && step > limit) {
+        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one%s", step,
+                      limit, solid ? "" : " or integrator = \"midpoint\"");
+        refuse_body(scene, spec, text);
+    }
+    if (integrator == Integrator::kLeapfrog && step == 0) return stepping;               // the default of every body
+    const double usual = integrator == Integrator::kLeapfrog ? 0 : solid ? 2e-3 : 5e-3;  // s; 5 ms gives overlaps of mm
+    stepping.step = step > 0 ? step : std::min(others, usual);
+    stepping.iterations = spec.iterations > 0 ? spec.iterations : solid ? 30 : 10;
+    return stepping;
+}
+
+// Chooses the integrator of a deformable body; returns the reason if the scene left the choice open.
+std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
+    std::string why;
+    Integrator integrator = Integrator::kLeapfrog;
+    if (spec.integrator == "auto") integrator = pick_integrator(world, body, spec.wanted_error, why);
+    if (spec.integrator == "midpoint") integrator = Integrator::kMidpoint;
+    const Stepping stepping = make_stepping(scene, spec, world, body, integrator);
+    if (integrator == Integrator::kLeapfrog && spec.step == 0) return why;
+    world.bodies.stepping.resize(body + 1);
+    world.bodies.stepping[body] = stepping;
+    return why;
+}
+
+// Makes an object pool of the copies up to `last`; they are inactive until they are spawned.
+void add_pool(const SceneFile& scene, const BodySpec& spec, uint32_t last, World& world) {
+    if (!(world.settings.sleep_speed > 0))
+        refuse(scene, spec.line, "body \"" + spec.name + "\" comes and goes: sleep_speed must not be 0, empty slots sleep");
+    world.pools.slots.push_back({last + 1 - spec.scatter.count, spec.scatter.count});
+    world.pools.rate.push_back(spec.scatter.rate);
+    world.pools.life.push_back(spec.scatter.life);
+}
+
+// Call once all bodies exist: no body of a pool has been spawned yet.
+void open_pools(World& world) {
+    if (world.pools.slots.empty()) return;
+    const uint32_t count = static_cast<uint32_t>(world.bodies.mesh.size());
+    world.pools.orientation = world.poses.orientation;
+    world.spawning = {std::vector<uint8_t>(count), std::vector<uint32_t>(count), std::vector<uint64_t>(count),
+                      std::vector<uint64_t>(world.pools.slots.size())};
+    world.sleep = {std::vector<uint32_t>(count), std::vector<uint32_t>(count, kNone)};
+    for (const Range slots : world.pools.slots) {
+        for (uint32_t body = slots.first; body < slots.end(); ++body) {
+            world.spawning.away[body] = 1;
+            world.sleep.still[body] = kAsleepForLong, world.sleep.group[body] = body;
+        }
+    }
+}
+
+void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototype& prototype, BuiltScene& built) {
+    World& world = built.world;
+    Tissue tissue = spec.tissue;
+    if (spec.solid && !spec.bed) tissue.depth = kNoFoundation;
+    const uint32_t body = add_body(world, spec.name, prototype.row, spec.motion, tissue, spec.anchor_frame);
+    world.bodies.thickness[body] = prototype.judgement.admitted_as == Admission::kSheet ? spec.thickness : 0;
+    world.poses.origin[body] = spec.position;
+    world.poses.orientation[body] = spec.orientation;
+    if (!spec.above.empty()) place_above(scene, spec, world, body);
+    if (spec.haptic.body != kNone) world.haptics.surface.push_back(spec.haptic), world.haptics.surface.back().body = body;
+    if (spec.motion == Motion::kHand) world.bodies.inv_mass[body] = 1 / (spec.mass > 0 ? spec.mass : 0.05);
+    if (spec.motion == Motion::kFree) {
+        if (!set_rigid_mass(world.meshes, body, spec.mass, world.bodies, world.particles))
+            refuse(scene, spec.line,
+                   "body \"" + spec.name + "\" is free, but its surface encloses no volume: its mass and inertia are those of its inside");
+        world.poses.velocity[body] = spec.velocity;
+        world.poses.angular_velocity[body] = spec.spin;
+    }
+    if (spec.motion == Motion::kKinematic) add_path(world.paths, body, spec.path);
+    std::string why;
+    if (spec.motion == Motion::kDeformable) {
+        make_deformable(world, body, spec.fixed_below);
+        if (!spec.regions.empty()) add_tissue_regions(scene, spec, world, body);
+        if (may_tear(scene, spec)) let_tear(world, body, spec.break_strain);
+        why = choose_stepping(scene, spec, world, body);
+    }
+    if (spec.scatter.rate > 0 && spec.copy + 1 == spec.scatter.count) add_pool(scene, spec, body, world);
+    if (spec.copy > 0) return;
+    const std::string copies = spec.scatter.count > 1 ? "; " + std::to_string(spec.scatter.count) + " of them" : "";
+    built.notes.push_back(body_note(world, body, prototype) + (why.empty() ? "" : "; auto: " + why) + copies);
+}
+
+}  // namespace
+
+BuiltScene build_scene(const SceneFile& given, Looks looks) {
+    const SceneFile folded = given.nodes.empty() ? SceneFile{} : fold_nodes(given);
+    const SceneFile& scene = given.nodes.empty() ? given : folded;
+    BuiltScene built;
+    World& world = built.world;
+    world.settings = scene.settings;
+    world.clock.contact_rate = scene.contact_rate;
+    PrototypeCache prototypes;
+    prototypes.looks = looks;
+    for (const BodySpec& spec : scene.bodies) add_scene_body(scene, spec, prototypes.get(scene, spec, world, built.warnings), built);
+    for (const ToolSpec& spec : scene.tools) add_tool(scene, spec, world);
+    for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
+        const bool held =
+            std::any_of(world.haptics.tool.begin(), world.haptics.tool.end(), [&](const HandTool& t) { return t.body == body; });
+        const bool jaw = std::any_of(world.haptics.jaw.begin(), world.haptics.jaw.end(), [&](const ToolJaw& j) { return j.body == body; });
+        if (world.bodies.motion[body] == Motion::kHand && !held && !jaw)
+            refuse(scene, scene.bodies[body].line, "body \"" + world.bodies.name[body] + "\" is hand-driven but no [[tool]] holds it");
+        if (held && jaw) refuse(scene, scene.bodies[body].line, "body \"" + world.bodies.name[body] + "\" is both a tool and a jaw");
+    }
+    add_scene_nodes(scene, world);
+    if (!world.haptics.jaw.empty()) keep_jaws_apart(world);
+    add_scene_links(scene, world);
+    add_scene_cuts(scene, world);
+    open_pools(world);
+    make_trees(world);
+    built.camera = make_camera(scene.camera);
+    built.picture.wireframe = scene.camera.wireframe;
+    built.picture.depth_colours = scene.camera.depth_colors;
+    return built;
+}
+
+}  // namespace trocar

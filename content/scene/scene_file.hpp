@@ -1,0 +1,146 @@
+#pragma once
+#include <array>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "components/bodies.hpp"
+#include "components/device.hpp"
+#include "components/hand_model.hpp"
+#include "components/haptic_effect.hpp"
+#include "components/haptic_surface.hpp"
+#include "components/paths.hpp"
+#include "components/scene.hpp"
+#include "components/tool.hpp"
+#include "content/scene/attach_spec.hpp"
+#include "content/scene/node_spec.hpp"
+#include "content/scene/scatter.hpp"
+namespace trocar {
+
+// One [[body]] of a scene file.
+struct BodySpec {
+    std::string name;
+    std::string node;   // parent frame; empty = the world
+    uint32_t line = 0;  // in the scene file, for errors
+    std::string shape;  // generated shape, used if `file` is empty
+    uint32_t triangles = 10000;
+    uint64_t seed = 1;
+    std::string file;  // mesh file, relative to the scene file or to the working folder
+    double scale = 1;  // m per file unit; 0 = guess (guess_unit)
+    double size = 0;   // m, desired largest extent; 0 = unchanged
+    Motion motion = Motion::kStatic;
+    Vec3d position = Vec3d::Zero();  // m
+    Quat orientation;
+    std::string above;   // name of the body it is placed on top of, centred, `gap` above it
+    double gap = 0.005;  // m
+    AnchorFrame anchor_frame = AnchorFrame::kWorld;
+    Tissue tissue;
+    bool solid = false;                                             // filled with tetrahedra; false: a shell
+    double cells = 12;                                              // solids: lattice cells along the largest extent
+    double spacing = 0;                                             // m, solids: lattice spacing; 0 = from cells
+    bool skin = false;                                              // solids: embed the given surface in the tetrahedra
+    bool bed = false;                                               // solids: elastic foundation, like a shell's
+    std::string integrator = "leapfrog";                            // leapfrog | midpoint | auto
+    uint32_t iterations = 0;                                        // midpoint: conjugate gradients at most; 0 = usual
+    double step = 0;                                                // s, largest step of this body; 0 = default
+    double wanted_error = 1e-4;                                     // m, error that auto may accept
+    double fixed_below = -1e300;                                    // m, vertices with lower rest z are fixed
+    double thickness = 1e-3;                                        // m, sheets
+    double mass = 0;                                                // kg; 0: hand 0.05, free by density
+    Vec3d velocity = Vec3d::Zero();                                 // m/s, initial, of a free body's origin
+    Vec3d spin = Vec3d::Zero();                                     // rad/s, initial, free, world axes
+    std::vector<Keyframe> path;                                     // kinematic
+    std::vector<std::string> apart;                                 // bodies excluded from collision
+    std::array<float, 3> color{-1, -1, -1};                         // overrides the material's diffuse colour
+    double break_strain = std::numeric_limits<double>::infinity();  // springs break above this strain
+    std::vector<GroupSpec> groups;
+    std::vector<TissueRegionSpec> regions;
+    HapticSurface haptic;  // body < kNone: it has haptic surface properties of its own
+    ScatterSpec scatter;   // count > 0: this body is one of that many copies
+    uint32_t copy = 0;     // index of the copy
+};
+
+// One [[tool.jaw]]: a hand body that the grip rotates about an axis of the tool's body.
+struct JawSpec {
+    uint32_t line = 0;
+    std::string body;
+    ToolJaw jaw;  // its body is set when it is built
+};
+
+// One [[tool]]: a device that drives a hand body.
+struct ToolSpec {
+    std::string body;
+    uint32_t line = 0;
+    Vec3d tip = Vec3d::Zero();  // m, body frame
+    double tip_radius = 0.006;  // m
+    double stiffness = 500;     // N/m, virtual coupling
+    double damping = 5;         // N s/m
+    double max_force = 3.3;     // N
+    double friction = 0.1;
+    double pass_through = 0;       // N; 0 = never
+    uint32_t dof = 3;              // 3: forces at a sphere at the tip; 6: force and torque on the whole body
+    uint32_t points = 1000;        // dof = 6: approximate number of points in the point shell
+    double turn_stiffness = 0.5;   // N m/rad
+    double turn_damping = -1;      // N m s/rad; < 0 = critical damping
+    double surface_stiffness = 0;  // N/m per point; 0 = 100 times stiffness
+    std::string trace;             // recorded device trace; if empty, path
+    std::vector<Keyframe> path;
+    HandModel hand;
+    Workspace workspace;
+    Pivot pivot;
+    DeviceLimits limits;
+    std::vector<HapticEffect> effects;
+    std::vector<ToolExchangeSpec> exchanges;
+    std::vector<JawSpec> jaws;
+    double grip_closed = 0;  // rad, a smaller grip angle counts as the first button pressed
+};
+
+struct CameraSpec {
+    std::string kind = "orbit";      // orbit | laparoscope
+    Vec3d target = Vec3d::Zero();    // m
+    Vec3d position = Vec3d::Zero();  // m, laparoscope
+    double azimuth = 30;             // degrees
+    double elevation = 25;           // degrees
+    double distance = 0;             // m, 0 = fit the scene
+    double fov = 35;                 // degrees, vertical
+    bool wireframe = false;
+    bool depth_colors = false;
+};
+
+// One entry of [parameters]: other keys use its value by writing "$name"; --set name=value changes it.
+struct SceneParameter {
+    std::string name;
+    std::string value;  // in TOML syntax
+};
+
+struct SceneFile {
+    std::filesystem::path path;
+    std::vector<SceneParameter> parameters;
+    SceneSettings settings;
+    uint32_t contact_rate = 60;  // Hz, contact passes per simulated second
+    std::vector<NodeSpec> nodes;
+    std::vector<BodySpec> bodies;
+    std::vector<ToolSpec> tools;
+    std::vector<LinkSpec> links;
+    std::vector<CutSpec> cuts;
+    uint32_t staples = 0;  // room for links created by the program while the scene runs
+    CameraSpec camera;
+};
+
+// One --set key=value: `seconds=2`, `contact.cell_edges=3`, `liver.tissue.youngs_modulus=2e4`,
+// `a.file=kidney.wrl`. The first word is a top-level key or table, a key of [parameters], the name of a body
+// (scattered copies by the name before the number), or `body` for every deformable body. Tools are named by
+// their body as `tool.BODY.key`; links, staples, cuts and nodes by their name as `link.NAME.key`.
+struct Override {
+    std::string key;
+    std::string value;
+};
+
+// Reads and checks a scene. Throws InputError "file:line:column: reason"; suggests similar keys for unknown
+// ones.
+SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<Override>& overrides);
+
+// Throws InputError "file:line:1: reason" about a table of the scene, for errors found only by building it.
+[[noreturn]] void refuse(const SceneFile& scene, uint32_t line, const std::string& reason);
+
+}  // namespace trocar

@@ -1,0 +1,88 @@
+#pragma once
+#include <toml++/toml.h>
+
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "components/math.hpp"
+namespace trocar {
+
+// Parses a text as TOML; nullopt if it is invalid.
+std::optional<toml::table> parse_toml(std::string_view text);
+
+// "file:line:column: ", or "file: " for values from the command line.
+std::string location(const std::string& file, const toml::source_region& source);
+
+// The known word with the smallest edit distance; empty if none is close.
+std::string nearest(std::string_view word, const std::vector<std::string>& known);
+
+// Parses a TOML file. Throws InputError: that it is not a `what`, if unreadable, or "file:line:column:
+// reason".
+toml::table read_toml(const std::filesystem::path& path, const std::string& what);
+
+// One table being read. It records which keys were read, so that unknown ones can be rejected. A read of an
+// absent key keeps the value; a wrong type or range throws InputError "file:line:column: reason".
+class TomlSection {
+ public:
+    TomlSection(const std::string& file, const toml::table& table, std::string name) : file_(file), table_(table), name_(std::move(name)) {}
+
+    [[noreturn]] void fail(const toml::node& node, const std::string& reason) const;
+    [[noreturn]] void fail(const std::string& reason) const { fail(table_, reason); }
+
+    const toml::node* find(std::string_view key);
+    void read(std::string_view key, double& value, double lowest = -1e300, double highest = 1e300);
+    void read(std::string_view key, std::string& value);
+    void read(std::string_view key, std::vector<std::string>& values);  // one string or an array of strings
+    void read(std::string_view key, bool& value);
+    void read(std::string_view key, Vec3d& value);
+    void read(std::string_view key, Quat& value);                                // [axis x, y, z, degrees]
+    bool read(std::string_view key, size_t count, std::vector<double>& values);  // false if the key is absent
+    void read_direction(std::string_view key, Vec3d& direction);                 // any length except 0
+    void read_counts(std::string_view key, std::array<uint32_t, 2>& value, double lowest, double highest);
+    template <typename Int>
+    void read_count(std::string_view key, Int& value, double lowest, double highest) {
+        double d = static_cast<double>(value);
+        if (const toml::node* node = find(key)) {
+            d = number(*node, key, lowest, highest);
+            if (d != std::floor(d)) fail(*node, std::string(key) + " must be a whole number");
+            value = static_cast<Int>(d);
+        }
+    }
+    template <typename Enum>
+    void read_enum(std::string_view key, Enum& value, const std::vector<std::pair<std::string, Enum>>& names) {
+        std::string text;
+        read(key, text);
+        if (text.empty()) return;
+        std::string list;
+        for (const auto& [word, e] : names) {
+            if (word == text) {
+                value = e;
+                return;
+            }
+            list += (list.empty() ? "" : ", ") + word;
+        }
+        fail(*table_.get(key), std::string(key) + " \"" + text + "\" is none of " + list);
+    }
+    const toml::array* tables(std::string_view key);
+    const toml::table* table(std::string_view key);
+    // `parameters`: further words to suggest for an unknown key from the command line.
+    void refuse_unknown(const std::vector<std::string>& parameters = {}) const;
+    uint32_t line() const { return table_.source().begin.line; }
+
+ private:
+    double number(const toml::node& node, std::string_view key, double lowest, double highest) const;
+    std::vector<double> numbers(const toml::node& node, std::string_view key, size_t count) const;
+
+    const std::string& file_;
+    const toml::table& table_;
+    std::string name_;
+    std::vector<std::string> known_;
+};
+
+}  // namespace trocar

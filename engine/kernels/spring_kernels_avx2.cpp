@@ -1,0 +1,12 @@
+#include "engine/kernels/lanes_avx2.inl"
+#include "engine/kernels/spring_kernels.hpp"
+namespace trocar {
+namespace {
+
+#include "engine/kernels/spring_kernels.inl"
+
+}  // namespace
+
+extern const SpringKernels kSpringKernelsAvx2 = {step, shape_sums, energy_sums};
+
+}  // namespace trocar

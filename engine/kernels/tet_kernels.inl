@@ -1,0 +1,81 @@
+// The kernels of both instruction sets. The file that includes this one defines V (kWidth floats), Lanes (x, y, z, w) and
+// set, load, keep_store, store4, gather4, larger, smaller, multiply_add and multiply_subtract.
+
+struct Vec {
+    V x, y, z;
+};
+TROCAR_LANES Vec between(const Lanes& from, const Lanes& to) { return {to.x - from.x, to.y - from.y, to.z - from.z}; }
+TROCAR_LANES Vec cross(const Vec& a, const Vec& b) {
+    return {multiply_subtract(a.y, b.z, a.z * b.y), multiply_subtract(a.z, b.x, a.x * b.z), multiply_subtract(a.x, b.y, a.y * b.x)};
+}
+TROCAR_LANES Lanes scaled(V s, const Vec& a) { return {s * a.x, s * a.y, s * a.z, set(0)}; }
+// -(a + b + c): the forces of a tetrahedron sum to zero.
+TROCAR_LANES Lanes against(const Lanes& a, const Lanes& b, const Lanes& c) {
+    const V zero = set(0);
+    const auto sum = [&](V p, V q, V r) __attribute__((always_inline)) { return zero - ((p + q) + r); };
+    return {sum(a.x, b.x, c.x), sum(a.y, b.y, c.y), sum(a.z, b.z, c.z), zero};
+}
+
+// Edges from the first corner of tetrahedra t to t + kWidth.
+struct Edges {
+    Vec a, b, c;
+};
+TROCAR_LANES Edges edges_of(const TetStep* body, unsigned t) {
+    const Lanes p0 = gather4(body->offset, body->corner0 + t);
+    return {between(p0, gather4(body->offset, body->corner1 + t)), between(p0, gather4(body->offset, body->corner2 + t)),
+            between(p0, gather4(body->offset, body->corner3 + t))};
+}
+// J - 1 of these tetrahedra, given b x c.
+TROCAR_LANES V swelling_of(const TetStep* body, unsigned t, const Vec& a, const Vec& bc) {
+    const V volume = multiply_add(a.x, bc.x, multiply_add(a.y, bc.y, a.z * bc.z));
+    return (volume - load(body->rest + t)) * load(body->per_rest + t);
+}
+TROCAR_LANES void keep_least(float* least, unsigned t, V swelling) {
+    float* lane = least + t % 16;
+    keep_store(lane, smaller(swelling + set(1.0f), load(lane)));
+}
+
+void press(const TetStep* body, unsigned first, unsigned last, float* least) {
+    const unsigned long corner_rows = 4ul * body->tetrahedra;
+    for (unsigned t = 16 * first; t < 16 * last; t += kWidth) {
+        const auto [a, b, c] = edges_of(body, t);
+        const Vec bc = cross(b, c), ca = cross(c, a), ab = cross(a, b);
+        const V swelling = swelling_of(body, t, a, bc);
+        const V held = larger(smaller(swelling, set(kStretchCap)), set(-1.0f));
+        const V crushed = smaller(held + set(1.0f - kCrushed), set(0));
+        const V pressure = multiply_add(set(body->crush), crushed, set(body->bulk) * held);
+        V share = pressure * set(-1.0f / 6);
+        if (body->factor) share = share * load(body->factor + t);
+        const Lanes f1 = scaled(share, bc), f2 = scaled(share, ca), f3 = scaled(share, ab);
+        float* out = body->corner_force + 4ul * t;
+        store4(out, against(f1, f2, f3));
+        store4(out + corner_rows, f1);
+        store4(out + 2 * corner_rows, f2);
+        store4(out + 3 * corner_rows, f3);
+        keep_least(least, t, swelling);
+    }
+}
+
+void measure(const TetStep* body, unsigned first, unsigned last, float* least) {
+    for (unsigned t = 16 * first; t < 16 * last; t += kWidth) {
+        const auto [a, b, c] = edges_of(body, t);
+        keep_least(least, t, swelling_of(body, t, a, cross(b, c)));
+    }
+}
+
+void gather_corners(const TetStep* body, unsigned first, unsigned last) {
+    for (unsigned index = 16 * first; index < 16 * last; index += kWidth) {
+        const unsigned slice = index / 16, lane = index % 16;
+        V x = load(body->force_x + index), y = load(body->force_y + index), z = load(body->force_z + index);
+        const unsigned long end = 16ul * body->slot_column[slice + 1];
+        for (unsigned long h = 16ul * body->slot_column[slice]; h < end; h += 16) {
+            const Lanes f = gather4(body->corner_force, body->slot + h + lane);
+            x = x + f.x;
+            y = y + f.y;
+            z = z + f.z;
+        }
+        keep_store(body->force_x + index, x);
+        keep_store(body->force_y + index, y);
+        keep_store(body->force_z + index, z);
+    }
+}

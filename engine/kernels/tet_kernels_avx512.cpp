@@ -1,0 +1,12 @@
+#include "engine/kernels/lanes_avx512.inl"
+#include "engine/kernels/tet_kernels.hpp"
+namespace trocar {
+namespace {
+
+#include "engine/kernels/tet_kernels.inl"
+
+}  // namespace
+
+extern const TetKernels kTetKernelsAvx512 = {press, measure, gather_corners};
+
+}  // namespace trocar

@@ -1,0 +1,21 @@
+#pragma once
+#include "components/links.hpp"
+#include "components/nodes.hpp"
+#include "components/solids.hpp"
+#include "components/tears.hpp"
+#include "engine/tissue/holding_groups.hpp"
+namespace trocar {
+
+// Tables of the forces other than springs and anchors, one per family; null if absent.
+struct OtherForces {
+    const Solids* solids = nullptr;
+    Links* links = nullptr;                  // stretched, broken and counted by the time steps of the bodies
+    const HoldingGroups* holding = nullptr;  // with links, for the time steps of the bodies
+    const Tears* tears = nullptr;            // with the next two: springs that may break
+    Torn* torn = nullptr;
+    TornSprings* torn_springs = nullptr;
+    const Nodes* nodes = nullptr;  // with the next one: bodies with one degree of freedom
+    NodeState* node_state = nullptr;
+};
+
+}  // namespace trocar

@@ -1,0 +1,74 @@
+#pragma once
+#include <span>
+#include <vector>
+
+#include "components/bodies.hpp"
+#include "components/particles.hpp"
+#include "components/solids.hpp"
+#include "components/tears.hpp"
+#include "engine/base/raw_vector.hpp"
+#include "engine/geometry/vec4.hpp"
+#include "engine/kernels/tet_kernels.hpp"
+namespace trocar {
+
+// Moduli of the springs and volume forces of a solid for an isotropic material of Young's modulus E and
+// Poisson ratio nu. Springs alone make Lame's two constants equal (Cauchy: nu = 1/4), so springs give the
+// shear modulus mu and the volume force gives the missing part of lambda as bulk modulus.
+// - springs: a material of nu = 1/4 with this mu, E_s = 5/2 mu. The six edges of a tetrahedron are equal
+//   springs of k = 6 E_s V / (sum of their L^2): then the sum of k L^2 per volume, the invariant C_iijj, is
+//   that of the isotropic material, 15 mu, in any mesh (Lloyd, Szekely, Harders, IEEE TVCG 13(5), 2007, find
+//   0.943 of it for regular tetrahedra). On the body-centred lattice, short edges shared by six and long ones
+//   by four tetrahedra, every direction is exact too: its cubic constants satisfy the condition of isotropy.
+//   Distorted tetrahedra at the surface satisfy only the average over directions
+// - volume: bulk = lambda - mu, see tet_kernels.hpp; below kCrushed additionally crush = kCrushShare * bulk:
+//   at half the volume the square of cof F is half of 3, so that the limit of solid_limit.hpp remains valid
+struct SolidModuli {
+    double springs = 0;  // Pa, E_s
+    double bulk = 0;     // Pa
+    double crush = 0;    // Pa
+};
+SolidModuli solid_moduli(const Tissue& tissue);
+
+inline constexpr double kCrushShare = 5.0 / 3;
+
+inline bool is_solid(const Solids& solids, uint32_t prototype) {
+    return prototype < solids.info.size() && solids.info[prototype].count > 0;
+}
+// Whether a body has volume forces: a solid with a Poisson ratio above 1/4.
+bool has_tets(const Solids* solids, const Bodies& bodies, uint32_t body);
+
+// The tetrahedra of a body at given offsets, for the kernels; no outputs. With `torn`, the remaining ones.
+TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, const TornSprings* torn = nullptr);
+
+// Energy (J) of one tetrahedron of six-fold rest volume `rest` and present `volume`.
+double tet_energy(double bulk, double crush, double rest, double volume);
+// Six times the signed volume of four corners.
+double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
+
+// Number of elements of TissueScratch::corner_force that a body needs.
+uint32_t corner_rows(const TetStep& body);
+
+// Adds the volume forces to the body's forces (force_x, force_y, force_z: all its nodes). Same bits for any number of
+// threads. Returns the least J.
+float add_tet_forces(const TetStep& body, uint32_t slices);
+
+struct TetEnergyScratch {
+    RawVector<Vec4d> position;  // m, one per node
+    std::vector<double> sums;   // J, one per chunk of tetrahedra
+};
+struct NodeVelocities {
+    const float *x, *y, *z;  // m/s
+};
+// Volume energy of a body at offset - back * velocity, J; fixed order.
+double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
+                  TetEnergyScratch& scratch, const TornSprings* torn = nullptr);
+
+// The same at step.offset - back * velocity; `nodes`: number of nodes that corners refer to. Elements of rest
+// 0 have no energy.
+double tet_energy(const TetStep& step, uint32_t nodes, const SolidModuli& moduli, const NodeVelocities& velocity, double back,
+                  TetEnergyScratch& scratch);
+
+// The least signed volume / rest volume of the tetrahedra at step.offset; at most 1. Needs no outputs bound.
+float least_volume_ratio(const TetStep& step);
+
+}  // namespace trocar

@@ -1,0 +1,142 @@
+#pragma once
+#include <array>
+#include <deque>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "components/picture.hpp"
+#include "engine/files/capture_file.hpp"
+#include "systems/app/report/figures.hpp"
+#include "systems/frame/frame.hpp"
+namespace trocar {
+
+// What starts a capture. Several triggers may be combined.
+struct CaptureTriggers {
+    std::vector<std::array<uint64_t, 2>> ranges;  // contact passes, first and last of each range; may overlap
+    bool worst = false;                           // the slowest; `worst` and `over_ms` skip kFirstJudged
+                                                  // passes
+    double over_ms = 0;                           // ms, slower passes; 0 = off. At most kMostCaptures
+    bool lost = false;                            // particles became non-finite; at most kMostCaptures
+    std::vector<std::string> counters;            // counters in Report; each triggers when it first rises
+    bool signal = false;                          // SIGUSR1, see CaptureSignal
+    bool any() const { return !ranges.empty() || worst || over_ms > 0 || lost || !counters.empty() || signal; }
+};
+inline constexpr uint32_t kMostCaptures = 10;  // per trigger of this kind
+inline constexpr uint64_t kFirstJudged = 8;    // passes; earlier ones pay for memory and cold caches
+
+// Parses "5-25", "worst", "over=33" (ms), "nan", "counter=ended_rows", "usr1", or several joined by commas;
+// ranges and counters may be repeated. Throws InputError that lists the accepted forms.
+CaptureTriggers parse_capture_triggers(const std::string& text);
+
+// Value of the Report counter with this name in metrics.json; nullopt if there is none.
+std::optional<uint64_t> report_counter(const Report& report, const std::string& name);
+
+// What a capture stores about one contact pass.
+struct CaptureStep {
+    uint64_t pass = 0;        // number, from 0
+    uint64_t state_hash = 0;  // after the pass
+    double frame_ms = 0, detection_ms = 0, response_ms = 0;
+    double depth = 0, force = 0;  // m, N
+    uint64_t contacts = 0, inside_vertices = 0;
+    std::vector<uint64_t> stage_ns;       // in the order of the header's stage names
+    std::vector<uint64_t> resource_hash;  // after the pass, per Resource; empty if only the state was hashed
+    std::vector<CaptureArray> input;      // live run: the tool states that the pass read, as in World
+    TROCAR_FIELDS(pass, state_hash, frame_ms, detection_ms, response_ms, depth, "m", force, "N", contacts, inside_vertices, stage_ns,
+                  resource_hash);
+    TROCAR_OTHER_FIELDS(input);
+};
+CaptureRecord to_record(const CaptureStep& step);
+CaptureStep read_step(const CaptureRecord& record);
+
+// What a reader needs in addition to the world.
+struct CaptureHeader {
+    std::string scene, version, instruction_set, machine;
+    std::vector<std::string> stage_names;
+    Camera camera;
+    PictureParams picture;
+    bool live = false;
+};
+
+// Adds all resources of one kind to a record, or restores them from it.
+void save_resources(const World& world, ResourceKind kind, CaptureRecord& record);
+void load_resources(const CaptureRecord& record, ResourceKind kind, World& world);
+
+// While an object of this class exists, SIGUSR1 triggers a capture; without one the signal ends the program.
+class CaptureSignal {
+ public:
+    CaptureSignal();
+    ~CaptureSignal();
+    CaptureSignal(const CaptureSignal&) = delete;
+    CaptureSignal& operator=(const CaptureSignal&) = delete;
+};
+
+// Watches a run and writes captures of it. The last kKept passes stay in memory (a state every kStatePeriod
+// passes, hashes and times of every pass) and are written when a trigger fires. Captures of a pass range are
+// written as the run proceeds, with hashes of every resource.
+class FrameRecorder {
+ public:
+    // `folder` must exist. A capture that cannot be written ends capturing, not the run: see failure(). If
+    // the states would take more than `most_bytes` in total, fewer are kept, but at least two. Memory for the
+    // states of `passes` passes is allocated here: allocating it during a pass would cost more than the
+    // recording.
+    FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder,
+                  size_t most_bytes = kMostKeptBytes, uint64_t passes = 0);
+    void before_pass();
+    void after_pass(const PassFigures& pass);
+    void finish();  // call after the last pass
+    void forget();  // call when the run returns to an earlier pass
+    // Writes the passes in memory now. The first word of `reason` becomes part of the file name.
+    void write_now(const std::string& reason);
+    // Why capturing ended early; empty if it did not. Everything written until then can be read.
+    const std::string& failure() const { return failure_; }
+    // After finish(): which triggers did not get everything they requested.
+    const std::vector<std::string>& notes() const { return notes_; }
+    // Names of the files written, in the order of writing.
+    const std::vector<std::string>& files() const { return files_; }
+
+    static constexpr uint32_t kStatePeriod = 16, kKept = 128;    // passes
+    static constexpr size_t kMostKeptBytes = size_t{256} << 20;  // fifty thousand balls: 160 MB per state
+
+ private:
+    // A state and the passes that start from it.
+    struct Stretch {
+        CaptureRecord state;
+        std::deque<CaptureStep> steps;
+    };
+    using Kept = std::deque<std::shared_ptr<Stretch>>;
+    // A range of passes that is currently being written.
+    struct OpenRange {
+        uint64_t last;
+        std::unique_ptr<CaptureWriter> writer;
+    };
+    template <typename Write>
+    void guarded(const Write& write);
+    void reserve(uint64_t passes);
+    std::shared_ptr<Stretch> free_stretch();
+    void drop_old_states();
+    void look_for_triggers(const CaptureStep& step);
+    void write(const Kept& kept, uint64_t last_pass, const std::string& reason);
+    std::unique_ptr<CaptureWriter> open(const std::string& name, const std::string& reason);
+    const Frame& frame_;
+    CaptureHeader header_;
+    std::vector<CaptureArray> input_, input_before_;  // of this pass and of the previous one
+    CaptureTriggers triggers_;
+    std::filesystem::path folder_;
+    size_t most_bytes_;
+    CaptureRecord scene_;
+    std::vector<std::shared_ptr<Stretch>> stretches_;  // all buffers; free if there is no other owner
+    Kept kept_, worst_;
+    double worst_ms_ = 0;
+    uint64_t worst_pass_ = 0;
+    uint32_t over_ = 0, lost_ = 0;  // captures written so far, per trigger
+    Report report_;
+    std::vector<OpenRange> open_ranges_;
+    std::vector<std::string> notes_;
+    std::vector<std::string> files_;
+    std::string failure_;
+};
+
+}  // namespace trocar

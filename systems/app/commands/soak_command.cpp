@@ -1,0 +1,387 @@
+#include <malloc.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <thread>
+
+#include "content/scene/build_scene.hpp"
+#include "engine/base/cpu.hpp"
+#include "engine/base/error.hpp"
+#include "engine/files/whole_file.hpp"
+#include "systems/app/capture/capture.hpp"
+#include "systems/app/commands/soak.hpp"
+#include "systems/app/console/command_pool.hpp"
+#include "systems/app/console/commands.hpp"
+#include "systems/app/console/format.hpp"
+#include "systems/app/console/progress.hpp"
+#include "systems/app/console/resident_memory.hpp"
+#include "systems/app/console/standard_streams.hpp"
+#include "systems/app/console/stop_signal.hpp"
+#include "systems/app/console/version.hpp"
+#include "systems/app/pictures/picture_writer.hpp"
+#include "systems/app/report/report_page.hpp"
+#include "systems/app/report/svg_plot.hpp"
+#include "systems/app/run/live_run.hpp"
+namespace trocar {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr double kMemoryDrift = 0.25, kHeapDrift = 0.0625;  // MiB per minute, see soak --help
+constexpr double kLeastGrowth = 0.5;                        // MiB over the run: less is pages touched late
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool kMemoryIsOurs = false;  // sanitizers keep freed memory for a while
+#else
+constexpr bool kMemoryIsOurs = true;
+#endif
+constexpr double kEnergyShare = 0.02, kSlower = 0.5;
+constexpr double kRounding = 1e-5;     // of the potential energy, which sums floats
+constexpr double kLeastEnergy = 1e-6;  // J, smaller energies are all rounding
+constexpr double kWarmShare = 0.2;     // of the run, at most kWarmMinutes: first touches of memory
+constexpr double kWarmMinutes = 1;
+constexpr size_t kKeptEpisodes = 2000;
+constexpr uint64_t kFaultPeriod = 3;  // episodes
+constexpr double kMiB = 1024 * 1024;
+
+double resident_mib() { return resident_bytes() / kMiB; }
+double heap_mib() { return static_cast<double>(mallinfo2().uordblks) / kMiB; }
+uint32_t open_descriptors() {
+    std::error_code error;
+    uint32_t count = 0;
+    for ([[maybe_unused]] const auto& entry : fs::directory_iterator("/proc/self/fd", error)) ++count;
+    return count;
+}
+
+// Injects a fault into a running world.
+void inject(const std::string& fault, World& world) {
+    if (fault == "pause") {
+        std::this_thread::sleep_for(std::chrono::milliseconds(200));
+        return;
+    }
+    for (size_t p = 0; p < world.particles.offset.size(); ++p) {
+        if (!(world.particles.offset[p].w > 0)) continue;
+        if (fault == "nan")
+            world.particles.offset[p].x = std::numeric_limits<float>::quiet_NaN();
+        else
+            world.particles.velocity_x[p] = 1e12f;
+        return;
+    }
+}
+
+uint32_t lost_particles(const World& world) {
+    uint32_t lost = 0;
+    for (const Float4& o : world.particles.offset) lost += !(std::isfinite(o.x) && std::isfinite(o.y) && std::isfinite(o.z));
+    return lost;
+}
+
+// Runs one scene repeatedly from its first state to its end.
+class Soaker {
+ public:
+    Soaker(const SoakOptions& options, Frame& frame, double seconds, FrameRecorder* recorder)
+        : options_(options), frame_(frame), seconds_(seconds), recorder_(recorder) {
+        start_.kind = "state";
+        save_resources(frame.world(), ResourceKind::kState, start_);
+        save_resources(frame.world(), ResourceKind::kAccounts, start_);
+    }
+    Episode run(uint64_t number, Soak& soak) {
+        World& world = frame_.world();
+        load_resources(start_, ResourceKind::kState, world);
+        load_resources(start_, ResourceKind::kAccounts, world);
+        if (recorder_) recorder_->forget();
+        Episode e;
+        const bool has_fault = !options_.faults.empty() && number % kFaultPeriod == kFaultPeriod - 1;
+        // in turn: a second fault in the same pass would go unnoticed
+        const std::string fault = has_fault ? options_.faults[number / kFaultPeriod % options_.faults.size()] : "";
+        e.with_fault = has_fault && fault != "pause";  // a pause must change nothing
+        const double end_tick = seconds_ * 1000;
+        const auto middle = static_cast<uint64_t>(0.5 * seconds_ * world.clock.contact_rate);  // pass at half time
+        std::vector<double> pass_ms, tick_us;
+        double largest_energy = 0, largest_balance = 0;
+        while (static_cast<double>(world.clock.tick) < end_tick && soak.broken.empty() && stop_signal() == 0) {
+            if (has_fault && e.passes == middle) {
+                inject(fault, world);
+                ++soak.faults;
+            }
+            if (recorder_) recorder_->before_pass();
+            const uint64_t begin = now_ns();
+            frame_.step();
+            PassFigures pass = pass_figures(frame_, 0);
+            pass.frame_ms = static_cast<double>(now_ns() - begin) * 1e-6;
+            if (recorder_) recorder_->after_pass(pass);
+            pass_ms.push_back(pass.frame_ms);
+            e.pass_s += 1e-3 * pass.frame_ms;
+            for (const uint64_t ns : frame_.times().tick_ns) tick_us.push_back(static_cast<double>(ns) * 1e-3);
+            e.residual_mm = std::max(e.residual_mm, world.report.deepest_residual * 1e3);
+            const Energy& energy = world.energy;
+            largest_energy = std::max({largest_energy, energy.elastic, energy.kinetic, std::abs(energy.work_hand)});
+            // a potential energy is known only to its rounding
+            largest_balance = std::max(largest_balance, std::abs(energy.balance) - kRounding * std::abs(energy.gravity));
+            if (const uint32_t lost = lost_particles(world); lost > 0)
+                soak.broken = "particles: " + std::to_string(lost) + " are not finite after pass " + std::to_string(world.clock.pass - 1);
+            ++e.passes;
+        }
+        e.energy_share = std::max(0.0, largest_balance) / std::max(largest_energy, kLeastEnergy);
+        e.median_ms = quantile(pass_ms, 0.5), e.p99_ms = quantile(pass_ms, 0.99), e.worst_ms = quantile(pass_ms, 1);
+        e.tick_p99_us = quantile(tick_us, 0.99);
+        e.lost = world.report.nonfinite_particles;
+        e.hash = state_hash(world);
+        e.resident = resident_mib(), e.heap = heap_mib(), e.descriptors = open_descriptors();
+        return e;
+    }
+
+ private:
+    const SoakOptions& options_;
+    Frame& frame_;
+    double seconds_;
+    FrameRecorder* recorder_;
+    CaptureRecord start_;
+};
+
+nlohmann::ordered_json drift_json(const Drift& d) {
+    if (!d.known) return nullptr;
+    return {{"slope_per_min", d.slope}, {"low", d.low}, {"high", d.high}};
+}
+
+std::string soak_json(const Soak& soak, const Drifts& d) {
+    double residual = 0, energy = 0, worst = 0;
+    std::vector<double> p99;
+    for (const Episode& e : soak.episode) {
+        residual = std::max(residual, e.residual_mm), worst = std::max(worst, e.worst_ms);
+        if (!e.with_fault) energy = std::max(energy, e.energy_share);
+        p99.push_back(e.p99_ms);
+    }
+    return nlohmann::ordered_json{{"scene", soak.scene},
+                                  {"version", soak.version},
+                                  {"threads", soak.threads},
+                                  {"minutes", soak.minutes},
+                                  {"minutes_in_passes", soak.pass_minutes},
+                                  {"episodes", soak.episodes},
+                                  {"passes", soak.passes},
+                                  {"sound", soak.broken.empty()},
+                                  {"not_judged", not_judged(soak, d)},
+                                  {"broken", soak.broken},
+                                  {"faults_injected", soak.faults},
+                                  {"particles_restored", soak.lost},
+                                  {"resident_mib_end", soak.episode.empty() ? 0 : soak.episode.back().resident},
+                                  {"heap_mib_end", soak.episode.empty() ? 0 : soak.episode.back().heap},
+                                  {"resident_mib", drift_json(d.resident)},
+                                  {"heap_mib", drift_json(d.heap)},
+                                  {"median_pass_ms", drift_json(d.median)},
+                                  {"median_p99_pass_ms", quantile(p99, 0.5)},
+                                  {"worst_pass_ms", worst},
+                                  {"deepest_residual_mm", residual},
+                                  {"worst_energy_share", energy}}
+               .dump(2) +
+           "\n";
+}
+
+std::string soak_csv(const Soak& soak) {
+    std::string out =
+        "minute,resident_mib,heap_mib,descriptors,median_ms,p99_ms,worst_ms,tick_p99_us,residual_mm,energy_share,lost,passes,with_fault,"
+        "state_hash\n";
+    for (const Episode& e : soak.episode) {
+        out +=
+            format("%.4f,%.3f,%.4f,%u,%.4f,%.4f,%.4f,%.3f,%.5f,%.3g,%llu,%llu,%d,%016llx\n", e.minute, e.resident, e.heap, e.descriptors,
+                   e.median_ms, e.p99_ms, e.worst_ms, e.tick_p99_us, e.residual_mm, e.energy_share, static_cast<unsigned long long>(e.lost),
+                   static_cast<unsigned long long>(e.passes), e.with_fault, static_cast<unsigned long long>(e.hash));
+    }
+    return out;
+}
+
+// What a soak spends time on besides passes.
+std::string outside_text(const Soak& soak) {
+    const double share = soak.minutes > 0 ? 100 * soak.pass_minutes / soak.minutes : 0;
+    return format("%.0f %% of %.2f minutes was spent in passes, the rest in copying states, hashing and judging.", share, soak.minutes);
+}
+
+std::string drift_hint(const Soak& soak) {
+    return format(" Judging drift needs %zu episodes after the first %.1f minutes, and one took %.3g s: --seconds makes them shorter.",
+                  kLeastPoints, std::min(kWarmMinutes, kWarmShare * soak.minutes),
+                  60 * soak.minutes / static_cast<double>(std::max<uint64_t>(1, soak.episodes)));
+}
+
+std::string open_rules(const Soak& soak, const Drifts& d) {
+    std::string text;
+    for (const std::string& rule : not_judged(soak, d)) text += (text.empty() ? " Too short to judge " : ", ") + escape_html(rule);
+    return (text.empty() ? text : text + ".") + (d.resident.known ? "" : drift_hint(soak));
+}
+
+std::string soak_html(const Soak& soak, const Drifts& d) {
+    PlotSeries resident{"resident", {}, {}}, heap{"heap", {}, {}}, median{"median", {}, {}}, p99{"p99", {}, {}};
+    for (const Episode& e : soak.episode) {
+        for (PlotSeries* s : {&resident, &heap, &median, &p99}) s->x.push_back(e.minute);
+        resident.y.push_back(e.resident), heap.y.push_back(e.heap), median.y.push_back(e.median_ms), p99.y.push_back(e.p99_ms);
+    }
+    const auto words = [](const Drift& drift, const char* unit) {
+        char text[128] = "unknown (too few episodes)";
+        if (drift.known)
+            std::snprintf(text, sizeof text, "%+.4f %s per minute, 95 %% between %+.4f and %+.4f", drift.slope, unit, drift.low,
+                          drift.high);
+        return std::string(text);
+    };
+    return html_page(soak.scene + " soak",
+                     "<h1>" + escape_html(soak.scene) + ": " + (soak.broken.empty() ? "sound" : "broken") + "</h1><p>" +
+                         escape_html(soak.broken.empty() ? std::to_string(soak.episodes) + " episodes, no rule broken." : soak.broken) +
+                         "</p><p>Resident memory " + words(d.resident, "MiB") + "; heap " + words(d.heap, "MiB") + "; median pass " +
+                         words(d.median, "ms") + ".</p><p>" + escape_html(outside_text(soak)) + open_rules(soak, d) + "</p>" +
+                         svg_plot({"Memory", "minutes", "MiB", {resident, heap}}) +
+                         svg_plot({"Time of a contact pass", "minutes", "ms", {median, p99}}));
+}
+
+void print_minute(const Soak& soak) {
+    const Episode& e = soak.episode.back();
+    write_standard_output(format(
+        "%6.1f min  %5llu episodes  resident %.1f MiB  heap %.1f MiB  pass median %.2f p99 %.2f ms  residual %.3f mm  energy %.2f %%\n",
+        e.minute, static_cast<unsigned long long>(soak.episodes), e.resident, e.heap, e.median_ms, e.p99_ms, e.residual_mm,
+        100 * e.energy_share));
+}
+
+// `told`: the minute of the last line printed.
+void run_soak(const SoakOptions& options, Soaker& soaker, Soak& soak, double& told) {
+    const uint64_t start = now_ns();
+    const auto minutes = [&] { return static_cast<double>(now_ns() - start) * 1e-9 / 60; };
+    Progress progress(soak.scene);
+    soak.episode.reserve(kKeptEpisodes + 2);  // reserved, so that our own list does not look like a leak
+    uint64_t printed = 0;
+    do {
+        Episode e = soaker.run(soak.episodes, soak);
+        if (stop_signal() != 0 && !soak.episode.empty()) break;  // the episode is incomplete
+        e.minute = minutes();
+        ++soak.episodes, soak.passes += e.passes, soak.lost += e.lost, soak.pass_minutes += e.pass_s / 60;
+        if (soak.episode.empty() || e.minute >= static_cast<double>(soak.episode.size()) * options.minutes / kKeptEpisodes)
+            soak.episode.push_back(e);
+        judge_episode(e, soak.episode.front(), soak);
+        progress.show(std::min(1.0, e.minute / options.minutes), std::to_string(soak.episodes) + " episodes");
+        if (!options.json && static_cast<uint64_t>(e.minute) > printed) {
+            printed = static_cast<uint64_t>(e.minute);
+            print_minute(soak);
+            told = soak.episode.back().minute;
+        }
+    } while (minutes() < options.minutes && soak.broken.empty() && stop_signal() == 0);
+    soak.minutes = minutes();
+}
+
+}  // namespace
+
+std::vector<std::string> not_judged(const Soak& soak, const Drifts& drifts) {
+    std::vector<std::string> rules;
+    if (!drifts.resident.known) rules.emplace_back("drift");
+    size_t whole = 0;
+    for (const Episode& e : soak.episode) whole += !e.with_fault;
+    if (whole < 2) rules.emplace_back("that episodes end the same");
+    for (uint64_t i = soak.faults; i < soak.faults_wanted.size(); ++i) rules.push_back("fault " + soak.faults_wanted[i]);
+    return rules;
+}
+
+void judge_episode(const Episode& e, const Episode& first, Soak& soak) {
+    if (!soak.broken.empty() || e.with_fault) return;
+    if (e.hash != first.hash) {
+        soak.broken = format("hash: an episode ended in %016llx, the first in %016llx", static_cast<unsigned long long>(e.hash),
+                             static_cast<unsigned long long>(first.hash));
+    } else if (e.lost > 0) {
+        soak.broken = "particles: " + std::to_string(e.lost) + " were lost and restored without a fault";
+    } else if (e.energy_share > kEnergyShare) {
+        soak.broken = format("energy: the balance is off by %.2f %% of the largest energy", 100 * e.energy_share);
+    }
+}
+
+Drifts measure_drifts(const Soak& soak) {
+    const double warm = std::min(kWarmMinutes, kWarmShare * soak.minutes);
+    std::vector<double> minute, resident, heap, median;
+    for (const Episode& e : soak.episode) {
+        if (e.minute < warm) continue;
+        minute.push_back(e.minute), resident.push_back(e.resident), heap.push_back(e.heap), median.push_back(e.median_ms);
+    }
+    return {theil_sen(minute, resident), theil_sen(minute, heap), theil_sen(minute, median)};
+}
+
+void judge_drifts(const Drifts& d, Soak& soak) {
+    if (!soak.broken.empty() || soak.episode.empty()) return;
+    const uint32_t first = soak.episode.front().descriptors, last = soak.episode.back().descriptors;
+    if (kMemoryIsOurs && d.resident.low > kMemoryDrift && d.resident.low * soak.minutes > kLeastGrowth)
+        soak.broken = format("memory: grows by %.3f MiB a minute (95 %%: %.3f to %.3f)", d.resident.slope, d.resident.low, d.resident.high);
+    else if (kMemoryIsOurs && d.heap.low > kHeapDrift && d.heap.low * soak.minutes > kLeastGrowth)
+        soak.broken = format("heap: grows by %.3f MiB a minute (95 %%: %.3f to %.3f)", d.heap.slope, d.heap.low, d.heap.high);
+    else if (last > first)
+        soak.broken = format("descriptors: %u files are open at the end, %u at the start", last, first);
+    else if (d.median.low * soak.minutes > kSlower * soak.episode.front().median_ms)
+        soak.broken = format("time: the median pass grows by %.4f ms a minute", d.median.slope);
+}
+
+namespace {
+
+struct SoakRun {
+    Soak soak;
+    Drifts drifts;
+    double told = -1;  // the minute of the last line printed
+};
+
+SoakRun soak_once(const SoakOptions& options) {
+    const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);
+    if (!options.out.empty()) prepare_folder(options.out), prepare_folder(options.out / "captures");
+    CommandPool pool(options.threads);
+    SoakRun run;
+    Soak& soak = run.soak;
+    soak.scene = file.settings.name;
+    soak.faults_wanted = options.faults;
+    soak.version = program_version();
+    pool.run([&] {
+        soak.threads = thread_count();
+        BuiltScene scene = build_scene(file);
+        Frame frame(std::move(scene.world), {});
+        std::optional<FrameRecorder> recorder;
+        if (!options.out.empty()) {
+            CaptureHeader header{soak.scene,          program_version(), instruction_set(), machine_text(),
+                                 frame.stage_names(), scene.camera,      scene.picture,     false};
+            recorder.emplace(frame, std::move(header), CaptureTriggers{}, options.out / "captures");
+        }
+        Soaker soaker(options, frame, options.seconds > 0 ? options.seconds : file.settings.seconds, recorder ? &*recorder : nullptr);
+        run_soak(options, soaker, soak, run.told);
+        run.drifts = measure_drifts(soak);
+        judge_drifts(run.drifts, soak);
+        if (!soak.broken.empty() && recorder) recorder->write_now("broken " + soak.broken);
+    });
+    if (!options.out.empty()) {
+        write_whole_file(options.out / "soak.json", soak_json(soak, run.drifts));
+        write_whole_file(options.out / "soak.csv", soak_csv(soak));
+        write_whole_file(options.out / "soak.html", soak_html(soak, run.drifts));
+    }
+    return run;
+}
+
+void print_end(const SoakRun& run) {
+    const Soak& soak = run.soak;
+    if (soak.episode.back().minute > run.told) print_minute(soak);
+    std::string open;
+    for (const std::string& rule : not_judged(soak, run.drifts)) open += (open.empty() ? "; too short to judge " : ", ") + rule;
+    write_standard_output(outside_text(soak) + (run.drifts.resident.known ? "" : drift_hint(soak)) + "\n");
+    write_standard_output(soak.broken.empty() ? "sound: no rule broken" + open + "\n" : "broken: " + soak.broken + "\n");
+}
+
+int code_of(const Soak& soak, double minutes) {
+    if (!soak.broken.empty()) return kNo;
+    if (stop_signal() == 0) return kDone;
+    std::fprintf(stderr, "trocar: stopped by %s after %.2f of %.2f minutes\n", name_of_signal(stop_signal()), soak.minutes, minutes);
+    return exit_code_of_signal(stop_signal());
+}
+
+}  // namespace
+
+int soak_command(const SoakOptions& options) {
+    const StopOnSignal stop;
+    const SoakRun run = soak_once(options);
+    if (options.json)
+        write_standard_output(soak_json(run.soak, run.drifts));
+    else
+        print_end(run);
+    return code_of(run.soak, options.minutes);
+}
+
+}  // namespace trocar

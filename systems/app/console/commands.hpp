@@ -1,0 +1,168 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "content/scene/scene_file.hpp"
+namespace trocar {
+
+// Exit codes of the program.
+enum ExitCode : int { kDone = 0, kNo = 1, kUsage = 2, kFault = 3 };
+
+struct RunOptions {
+    std::string scene;  // path, or the name of a built-in scene
+    std::vector<Override> overrides;
+    double seconds = 0;         // 0 = the scene's
+    std::filesystem::path out;  // folder; empty = write nothing
+    std::string capture;        // triggers, see parse_capture_triggers; empty = no capture
+    bool live = false;
+    std::vector<std::string> devices;  // live: BODY=SPECIFICATION, replaces the scene's scripted hand
+    std::filesystem::path replay;      // recording of a live run to repeat in lockstep; empty = none
+    bool render = true;
+    uint32_t threads = 0;       // 0 = all cores
+    bool figures_only = false;  // write only metrics.json and passes.csv
+    uint32_t export_every = 0;  // write every body as OBJ with every n-th picture; 0 = only at the end
+    bool json = false;          // print metrics.json to standard output
+    double slow_render_ms = 0;  // live: delays every picture, to show that no other thread waits for drawing
+};
+int run_command(const RunOptions& options);
+
+struct CheckOptions {
+    std::vector<std::string> files;
+    bool json = false;
+};
+int check_command(const CheckOptions& options);
+
+struct QueryOptions {
+    std::string mesh;
+    std::string points;         // CSV x,y,z in file units; "-" = standard input
+    std::filesystem::path out;  // CSV; empty = standard output
+    TreeSearch search = TreeSearch::kOwn;
+    bool cross_check = false;  // compare signs with the winding number
+    bool json = false;
+};
+int query_command(const QueryOptions& options);
+
+struct CollideOptions {
+    std::string a, b;
+    Vec3d move_b = Vec3d::Zero();    // file units
+    Quat rotate_b;                   // about the origin of B's file, before the move
+    double tolerance = 0;            // file units; 0 = 1e-4 of the smaller diagonal
+    std::filesystem::path cells;     // .json, .vtp or .png of the shared cells; empty = none
+    std::filesystem::path contours;  // .obj of lines; empty = none
+    TreeSearch search = TreeSearch::kOwn;
+    bool separate = false;
+    bool cross_check = false;  // compare signs with the winding number
+    bool json = false;
+};
+int collide_command(const CollideOptions& options);
+
+struct ConvertOptions {
+    std::string in, out;
+    bool json = false;
+    bool repair = false;
+    double weld = 0;       // of the diagonal; 0 = default of repair_mesh, else only identical positions
+    double hole_size = 0;  // of the diagonal; 0 = default of repair_mesh
+};
+int convert_command(const ConvertOptions& options);
+
+struct ViewOptions {
+    std::vector<std::string> sources;  // files or shapes, see load_mesh_or_shape
+    std::filesystem::path out;         // PNG
+    uint32_t width = 1024, height = 768;
+    double azimuth = -60, elevation = 28;  // degrees, see Camera
+    char up = 'z';
+    bool wireframe = false;
+    bool sheet = false;  // front, side, top and oblique in one picture
+};
+int view_command(const ViewOptions& options);
+struct OrganOptions {
+    std::string volume;          // file, or folder of DICOM slices
+    std::string out;             // surface; with several labels, _<label> is inserted before the extension
+    std::vector<double> labels;  // one surface for each
+    std::string threshold;       // used instead of labels; empty = none
+    std::string series;          // DICOM series UID; empty = the only series
+    uint32_t smooth = 10;        // rounds
+    uint32_t triangles = 0;      // target count; 0 = keep all contoured triangles
+    bool even = false;           // remesh to even triangles
+    double blur = 1;             // voxels
+    double tets = 0;             // lattice spacing, mm; 0 = no tetrahedra
+    bool all_pieces = false;
+    bool json = false;
+};
+int organ_command(const OrganOptions& options);
+
+struct ReplayOptions {
+    std::string file;
+    std::optional<uint64_t> frame;  // replay only this pass, `repeat` times, to measure it
+    uint32_t repeat = 100;
+    std::filesystem::path trace;  // of the repetitions; empty = none
+    uint32_t threads = 0;
+    bool json = false;
+};
+int replay_command(const ReplayOptions& options);
+
+struct CaptureExportOptions {
+    std::string file;
+    std::filesystem::path vtp, png, trace, csv;  // empty = not written
+    bool per_body = false;                       // applies to vtp
+    uint32_t threads = 0;
+};
+int capture_export_command(const CaptureExportOptions& options);
+int capture_info_command(const std::vector<std::string>& files, bool json);
+int capture_diff_command(const std::string& a, const std::string& b);
+
+int scenes_command(bool json);
+
+struct DeviceOptions {
+    std::string device;  // specification, see open_device
+    double seconds = 5;
+    double spring = 0;          // N/m, test: spring towards the first reported position; 0 = no force
+    double max_force = 2;       // N
+    std::filesystem::path out;  // record: CSV
+    bool json = false;
+};
+class DeviceLink;
+// Closes all devices in parallel; names on standard error those which do not finish.
+void close_devices(std::span<DeviceLink* const> links);
+int device_list_command(bool json);
+// Listens for a while and prints rate, intervals and errors; exit code 1 if no sample arrived.
+int device_test_command(const DeviceOptions& options);
+int device_record_command(const DeviceOptions& options);
+// Library versions and the instruction set in use.
+std::string version_text();
+
+struct SoakOptions {
+    std::string scene;
+    std::vector<Override> overrides;
+    double minutes = 10;
+    double seconds = 0;  // simulated, per episode; 0 = the scene's
+    std::vector<std::string> faults;
+    std::filesystem::path out;  // folder; empty = only print to standard output
+    uint32_t threads = 0;
+    bool json = false;
+};
+int soak_command(const SoakOptions& options);
+
+struct SweepOptions {
+    std::string file;              // see content/scene/sweep_file.hpp
+    std::string engine = "local";  // local | parallel | slurm | merge
+    std::filesystem::path out;     // folder; empty = out/sweep_NAME
+    uint32_t jobs = 0;             // concurrent runs; 0 = as many as the cores allow
+    bool dry_run = false, json = false;
+};
+// Runs every combination of a sweep that has no result yet and merges all results into one table.
+int sweep_command(const SweepOptions& options);
+
+// Path of a scene file, given a path or the name of a built-in scene. Throws InputError.
+std::filesystem::path find_scene(const std::string& name);
+// Processor and kernel version.
+std::string machine_text();
+
+// Folder of the built-in scenes: in the source tree, or the installed one.
+std::filesystem::path scenes_folder();
+
+}  // namespace trocar

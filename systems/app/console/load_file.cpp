@@ -1,0 +1,14 @@
+#include "systems/app/console/load_file.hpp"
+
+#include <filesystem>
+
+#include "content/shapes/mesh_source.hpp"
+#include "systems/app/console/progress.hpp"
+namespace trocar {
+
+LoadedMesh load_file(const std::string& file) {
+    Progress progress("reading " + std::filesystem::path(file).filename().string());
+    return load_mesh_or_shape(file, [&](double done) { progress.show(done, "read"); });
+}
+
+}  // namespace trocar

@@ -1,0 +1,156 @@
+#pragma once
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "components/contacts.hpp"
+#include "components/haptic_effect.hpp"
+#include "components/math.hpp"
+#include "components/nodes.hpp"
+#include "components/report.hpp"
+#include "components/tool_state.hpp"
+#include "engine/devices/link.hpp"
+#include "systems/app/report/tool_record.hpp"
+namespace trocar {
+
+// Results and costs of one contact pass.
+struct PassFigures {
+    double time = 0;          // s, simulated, at the start of the pass
+    double detection_ms = 0;  // begin stages, from body boxes to islands
+    double response_ms = 0;   // contact constraints in all substeps; wall time
+    double frame_ms = 0;      // all stages of the pass, pictures included
+    double render_ms = 0;     // of the picture drawn in this pass, 0 if none
+    double depth = 0;         // m, deepest pair
+    uint32_t inside_vertices = 0;
+    uint32_t contacts = 0;
+    uint32_t pairs = 0;              // overlapping pairs
+    double force = 0;                // N, commanded to the hand (largest tool)
+    double contact_force = 0;        // N, mean contact impulse / period on the tool in the hand
+    Energy energy;                   // most recent values
+    double residual = 0;             // m, deepest overlap at the end of the pass
+    uint32_t awake = 0;              // movable bodies that were not asleep
+    bool picture = false;            // a displayed frame ends with this pass
+    std::vector<double> coordinate;  // m or rad, coordinate of every one-coordinate body at the end of the pass
+    bool contact() const { return pairs > 0; }
+};
+
+// ms per displayed frame: all stages of its contact passes, without drawing.
+std::vector<double> displayed_frames(const std::vector<PassFigures>& passes);
+
+// Durations of one stage.
+struct StageFigures {
+    std::string name;
+    std::vector<double> ms;
+};
+
+// Results of one group of links.
+struct LinkFigures {
+    std::string name;
+    uint64_t made = 0, broken = 0;
+    double force = 0;   // N, maximum of the means over a pass
+    double strain = 0;  // largest
+};
+
+// Detection cost of a pair of bodies, over the passes in which it had candidate vertices.
+struct PairFigures {
+    std::string name;  // "liver/kidney"
+    uint64_t passes = 0;
+    double ms = 0;        // sum over passes
+    double worst_ms = 0;  // maximum per pass
+    double vertices = 0;  // sum over passes, vertices of both bodies near the other one
+    double cell = 0;      // m, sum over passes of the grid's cell size
+    double depth = 0;     // m, deepest
+};
+
+// A body that its scene node restricts to one coordinate.
+struct DriveFigures {
+    std::string body;
+    NodeBehaviour behaviour = NodeBehaviour::kNone;
+    NodeEvents events;
+};
+
+// What one tool's hand was sent, and which device held it.
+struct ToolFigures {
+    std::string body;
+    SafetyState safety;
+    HapticEvents events;
+    std::string device;  // live: name of the device; empty = the scene's scripted hand
+    DeviceCounts counts{};
+    bool device_heard = false;   // at least one tick accepted a sample from it
+    uint64_t refused_ticks = 0;  // newest sample not a number, or farther than a hand can move
+};
+
+// Everything measured in a run; input of metrics.json and report.html.
+struct RunFigures {
+    std::string scene, description, version, instruction_set, machine, started;
+    uint32_t threads = 1;
+    bool live = false;
+    uint64_t state_hash = 0;
+    uint64_t frames = 0;  // pictures at display rate, drawn or not
+    double simulated_s = 0;
+    uint32_t contact_rate = 0;  // Hz
+    double build_s = 0;         // reading and building the scene and its frame
+    double wall_s = 0;          // s, passes and the work between them
+    std::vector<PassFigures> pass;
+    std::vector<StageFigures> stage;
+    std::vector<double> render_ms;
+    uint64_t ticks = 0;
+    double max_force = 0;                // N
+    std::vector<double> tick_us;         // compute time of every haptic tick
+    std::vector<double> tick_period_us;  // live only
+    std::vector<double> contact_age_ms;  // live only
+    uint64_t missed_ticks = 0;           // live only: deadlines missed because the thread was descheduled
+    uint64_t doubled_periods = 0;        // live only: tick periods above 2 ms
+    uint64_t relieved_ticks = 0;         // live only: ticks started by the second processor
+    std::string scheduling;              // live only: priority obtained, kernel
+    bool replay = false;
+    std::string replay_difference;  // replay only: first difference from the live run; empty = none
+    Report report;
+    TreeSearch search = TreeSearch::kOwn;
+    uint64_t tree_builds = 0;  // by Embree, of the bodies' trees
+    std::vector<LinkFigures> link;
+    std::vector<ToolFigures> tool;
+    std::vector<DriveFigures> drive;
+    std::vector<ToolSample> tool_sample;            // of every pass
+    std::vector<std::vector<float>> pass_stage_ms;  // per pass, per stage
+    std::vector<PairFigures> pair;                  // the most expensive pairs
+    uint64_t pairs_met = 0;
+    uint64_t movable_bodies = 0;  // deformable and free rigid
+    double body_size = 0;         // m, diameter of the smallest movable body
+    double world_bytes = 0;       // growth of resident memory by building and stepping (live: building)
+    double bytes_per_body = 0;    // world_bytes / all bodies
+    double start_gravity = 0;     // J, potential energy before the first pass
+    int stopped_by = 0;           // signal number; 0 = the run completed
+    bool capture_asked = false, meshes_written = false, too_many_meshes = false, recorded = false;
+    double capture_s = 0;               // lockstep: time spent on states and hashes for captures
+    std::string write_failure;          // first picture or mesh that could not be written; empty = none
+    std::vector<std::string> captures;  // files written, in the order of writing
+    std::vector<std::string> bodies;    // "liver: 5002 vertices, deformable, 1 substep"
+};
+
+// Value at quantile q in [0, 1] (nearest rank); 0 if empty.
+double quantile(std::vector<double> values, double q);
+double mean(const std::vector<double>& values);
+
+// "UDP 127.0.0.1:7731: 480 samples accepted, refused in 0 ticks; received 481, malformed 1, sent 500".
+std::string device_text(const ToolFigures& tool);
+
+// metrics.json as text; fields as README names them.
+std::string metrics_json(const RunFigures& figures);
+
+// CSV with one line per contact pass: SI units, and ms where the header says so.
+std::string passes_csv(const RunFigures& figures);
+
+// Columns over the passes that had contact (the thesis' "collision instances").
+struct ContactColumns {
+    std::vector<double> time;      // s
+    std::vector<double> total;     // ms, detection and response
+    std::vector<double> response;  // ms
+    std::vector<double> depth_mm, inside;
+};
+ContactColumns contact_columns(const RunFigures& figures);
+
+// Sixteen hexadecimal digits.
+std::string state_hash_text(const RunFigures& figures);
+
+}  // namespace trocar

@@ -1,0 +1,39 @@
+#pragma once
+#include "systems/app/capture/capture.hpp"
+#include "systems/app/console/commands.hpp"
+#include "systems/app/pictures/picture_writer.hpp"
+#include "systems/app/report/figures.hpp"
+#include "systems/app/run/live_recording.hpp"
+#include "systems/frame/frame.hpp"
+namespace trocar {
+
+// Results and costs of the frame's last pass; `time` is the simulated time at its start.
+PassFigures pass_figures(const Frame& frame, double time);
+// Adds the durations of the stages run in the last pass.
+void add_stage_times(const Frame& frame, RunFigures& figures);
+
+// Initialises every tool's state with what its device reports at the start of a run.
+void first_device_states(World& world);
+
+// Slip (ns) of simulated time when a pass of `period` starts `behind` schedule. Delays below one period are
+// caught up by the following passes (slip 0); after a longer delay the schedule restarts from now, because
+// otherwise the hand would feel an ever older state.
+int64_t time_let_go(int64_t behind, int64_t period);
+
+// A run and its observers.
+struct RunParts {
+    const RunOptions& options;
+    double seconds;  // of simulated time
+    Frame& frame;
+    PictureWriter* pictures;  // may be null
+    FrameRecorder* recorder;  // of captures; may be null
+    RunFigures& figures;
+};
+
+// Runs a frame against the real clock: this thread simulates, haptics tick at 1 kHz on their own thread, and a
+// thread of low priority draws pictures, dropping those it has no time for. A late pass starts at once and is
+// counted; see time_let_go. Stores in `recording`, if given, what a replay needs; false if ticks were lost, which
+// makes the recording useless.
+bool run_live(const RunParts& run, LiveRecording* recording);
+
+}  // namespace trocar

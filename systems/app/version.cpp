@@ -1,6 +1,0 @@
-#include "systems/app/version.hpp"
-namespace trocar {
-
-const char* program_version() { return TROCAR_VERSION; }
-
-}  // namespace trocar

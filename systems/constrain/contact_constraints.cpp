@@ -1,0 +1,267 @@
+#include "systems/constrain/contact_constraints.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/contact/contact_constraints.hpp"
+#include "engine/geometry/point_triangle.hpp"
+#include "engine/jobs/parallel.hpp"
+#include "engine/mesh/contact_kernels.hpp"
+#include "engine/mesh/inverted_contact.hpp"
+namespace trocar {
+namespace {
+
+// Barycentric coordinates on a grid of 2^-23, so that the three floats add up to exactly one.
+std::array<float, 3> barycentric(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
+    const Vec3d u = b - a, v = c - a, w = p - a;
+    const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), wu = w.dot(u), wv = w.dot(v);
+    const double area = uu * vv - uv * uv;
+    double y = 0, z = 0;
+    if (area > 1e-12 * uu * vv) {
+        y = (vv * wu - uv * wv) / area;
+        z = (uu * wv - uv * wu) / area;
+    } else if (std::max(uu, vv) > 0) {
+        // a sliver: along its longer side from a
+        (uu >= vv ? y : z) = uu >= vv ? wu / uu : wv / vv;
+    }
+    y = std::clamp(y, 0.0, 1.0);
+    z = std::clamp(z, 0.0, 1.0 - y);
+    const double unit = 1 << 23;
+    const double fy = std::floor(y * unit) / unit, fz = std::floor(z * unit) / unit;
+    return {float(1.0 - fy - fz), float(fy), float(fz)};
+}
+
+// Marks all but the deepest contacts of a body over capacity; of equal depths the first stay.
+void drop_shallowest(uint32_t capacity, uint32_t body, const Contacts& contacts, ContactConstraintsScratch& scratch, Report& report) {
+    scratch.crowded.clear();
+    for (uint32_t i = 0; i < contacts.body.size(); ++i) {
+        if (contacts.body[i] == body) scratch.crowded.push_back(i);
+    }
+    const auto deeper = [&](uint32_t x, uint32_t y) {
+        return contacts.distance[x] < contacts.distance[y] || (contacts.distance[x] == contacts.distance[y] && x < y);
+    };
+    std::nth_element(scratch.crowded.begin(), scratch.crowded.begin() + capacity, scratch.crowded.end(), deeper);
+    for (uint32_t i = capacity; i < scratch.crowded.size(); ++i) scratch.dropped[scratch.crowded[i]] = 1;
+    report.dropped_contacts += scratch.crowded.size() - capacity;
+}
+
+// How steeply the surface around a contact point crosses the plane of a normal: sine of the steepest edge
+// from the point to the wrong side; 0 if there is none.
+double plunge(const Surfaces& s, const Contacts& contacts, uint32_t i, const Vec3d& normal) {
+    const uint32_t body = contacts.body[i];
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    const auto [v, w] = contacts.vertex[i];
+    const Vec3d direction = direction_to_world(s, body, mesh.position[w] - mesh.position[v]);
+    double steepest = v == w ? 0 : std::abs(direction.normalized().dot(normal));
+    if (const uint32_t third = contacts.third[i]; third != kNone) {
+        const Vec3d side = direction_to_world(s, body, mesh.position[third] - mesh.position[v]);
+        return std::max(steepest, std::abs(side.normalized().dot(normal)));
+    }
+    for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k) {
+        const Triangle& t = mesh.triangle[mesh.incident[k]];
+        if (v != w && t[0] != w && t[1] != w && t[2] != w) continue;
+        for (const uint32_t q : t) {
+            if (q == v || q == w) continue;
+            const Vec3d edge = vertex_position(s, body, q) - contacts.point[i];
+            steepest = std::max(steepest, -edge.normalized().dot(normal));
+        }
+    }
+    return steepest;
+}
+
+// Whether a corner of the triangles around a contact point lies behind a plane.
+bool goes_through(const Surfaces& s, const Contacts& contacts, uint32_t i, const Vec3d& plane, const Vec3d& normal) {
+    const uint32_t body = contacts.body[i];
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    for (const uint32_t v : contacts.vertex[i])
+        for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k)
+            for (const uint32_t q : mesh.triangle[mesh.incident[k]])
+                if (normal.dot(vertex_position(s, body, q) - plane) < 0) return true;
+    return false;
+}
+
+// Supporting plane of a contact of two rigid bodies, `distance` m from the point, on the other's `triangle`.
+struct Support {
+    Vec3d closest, normal;
+    double distance;
+    uint32_t triangle;
+    bool none = false;
+};
+
+// Near an edge of the other body the closest point may be on its side although its top is the support: two
+// equal boxes, one on the other. A normal lies in the other's normal cone and opposite to the point's own
+// (Moreau; for polyhedra's edges Mirtich 1998), so of the faces around the closest one that have the point
+// above them, the support is the one that the point's own edges penetrate least. A point outside without
+// support is not in contact yet if its body already extends behind the plane (over the other's rim); else it
+// may still land on it (a rod's raised end).
+Support find_support(const Surfaces& s, const Contacts& contacts, uint32_t i) {
+    constexpr double kCarries = 0.05;                   // sine; angle between neighbouring faces of curved surfaces
+    constexpr double kSeam = 1e-3, kNearBehind = 0.05;  // of a mean edge: tolerance beyond the face, and behind the nearest one
+    constexpr double kRounding = 1.0 + 1e-6;
+    Support best{contacts.closest[i], contacts.normal[i], contacts.distance[i], contacts.triangle[i]};
+    double least = plunge(s, contacts, i, best.normal);
+    if (least < kCarries) return best;
+    const double first = least;
+    const uint32_t other = contacts.other[i];
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[other]);
+    const Vec3d& p = contacts.point[i];
+    const double reach = std::abs(contacts.distance[i]) + kNearBehind * mesh.info->mean_edge;
+    const Triangle& nearest = mesh.triangle[contacts.triangle[i]];
+    for (uint32_t corner = 0; corner < 3; ++corner) {
+        const uint32_t v = nearest[corner];
+        for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k) {
+            const uint32_t triangle = mesh.incident[k];
+            const Triangle& t = mesh.triangle[triangle];
+            // already tested at another corner
+            if (std::ranges::any_of(t, [&](uint32_t w) { return (corner > 0 && w == nearest[0]) || (corner > 1 && w == nearest[1]); }))
+                continue;
+            const Vec3d a = vertex_position(s, other, t[0]), b = vertex_position(s, other, t[1]), c = vertex_position(s, other, t[2]),
+                        normal = triangle_normal(a, b, c).normalized();
+            if (std::abs(normal.dot(p - a)) > kRounding * reach) continue;
+            const Vec3d apart = -closest_point_on_triangle(p, a, b, c).offset, closest = p - apart;
+            const double distance = normal.dot(apart), beyond = (apart - distance * normal).norm();
+            if (!(std::abs(distance) < reach && beyond < kSeam * mesh.info->mean_edge)) continue;
+            const double steep = plunge(s, contacts, i, normal);
+            if (!(steep < least - 1e-9)) continue;
+            least = steep;
+            best = {closest, normal, distance, triangle};
+        }
+    }
+    best.none = least == first && least > 0.5 && contacts.distance[i] > 0 && goes_through(s, contacts, i, best.closest, best.normal);
+    return best;
+}
+
+// Whether a point of a closed body lies beyond a sheet that has entered the body: its own surface faces away
+// from the sheet, so the body is in between. A contact of the sheet's face resolves the overlap.
+bool is_beyond_sheet(const Surfaces& s, const Contacts& contacts, uint32_t i) {
+    const uint32_t body = contacts.body[i], other = contacts.other[i];
+    const auto is_sheet = [&](uint32_t b) { return s.meshes.info[s.bodies.mesh[b]].admission == Admission::kSheet; };
+    if (!is_sheet(other) || is_sheet(body)) return false;
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    const uint32_t v = contacts.vertex[i][0];
+    Vec3d outward = Vec3d::Zero();
+    for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k) {
+        const Triangle& t = mesh.triangle[mesh.incident[k]];
+        outward += triangle_normal(vertex_position(s, body, t[0]), vertex_position(s, body, t[1]), vertex_position(s, body, t[2]));
+    }
+    return outward.dot(contacts.normal[i]) > 0;
+}
+
+// Exit point from the other body along `direction` from a contact. False if there is none.
+bool find_exit(const Surfaces& s, const Contacts& contacts, uint32_t i, const Vec3d& direction, ContactConstraintsScratch& scratch,
+               Support& at) {
+    const uint32_t other = contacts.other[i];
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[other]);
+    if (scratch.exit_pair != contacts.pair[i] || scratch.exit_body != other) {
+        scratch.exit_pair = contacts.pair[i];
+        scratch.exit_body = other;
+        scratch.exit_point.clear();
+        for (uint32_t v = 0; v < mesh.position.size(); ++v) scratch.exit_point.push_back(vertex_position(s, other, v));
+        scratch.exits.build(scratch.exit_point, mesh.triangle, direction);
+    }
+    const ExitGrid::Exit exit = scratch.exits.find(contacts.point[i]);
+    if (exit.triangle == kNone) return false;
+    at = {contacts.point[i] + exit.distance * direction, direction, -exit.distance, exit.triangle};
+    return true;
+}
+
+// Writes contact i's constraint to index i. False if it has none.
+bool make_constraint(const ContactInputs& in, const Contacts& contacts, const Penetrations& penetrations, uint32_t i,
+                     ContactConstraintsScratch& scratch, ContactConstraints& constraints) {
+    const Surfaces& surfaces = in.surfaces;
+    if (in.params.faces && is_beyond_sheet(surfaces, contacts, i)) return false;
+    const uint32_t body = contacts.body[i], other = contacts.other[i];
+    Support at{contacts.closest[i], contacts.normal[i], contacts.distance[i], contacts.triangle[i]};
+    const bool both_rigid = !is_deformable(surfaces.bodies, body) && !is_deformable(surfaces.bodies, other);
+    if (both_rigid && surfaces.bodies.thickness[other] == 0) at = find_support(surfaces, contacts, i);
+    if (at.none) return false;
+    const uint32_t overlap = scratch.overlap[contacts.pair[i]];
+    const bool first = body == in.pairs.a[contacts.pair[i]];
+    Vec3d lead = Vec3d::Zero();  // separation direction of a deep pair, for this side
+    if (in.params.deep == DeepResponse::kLastFree && overlap != kNone && penetrations.saturated[overlap]) {
+        const Vec3d& direction = penetrations.separation_direction[overlap];
+        lead = first ? Vec3d(-direction) : direction;
+    }
+    const bool along_nearest = in.params.direction != ResponseDirection::kThesis && lead == Vec3d::Zero();
+    const auto is_pushed = [&](uint32_t b) {
+        return surfaces.bodies.motion[b] == Motion::kHand || surfaces.bodies.motion[b] == Motion::kFree;
+    };
+    scratch.inverted[i] = (is_pushed(body) || is_pushed(other)) && !both_rigid && along_nearest && leaves_inverted(surfaces, contacts, i);
+    // it would oppose the separation
+    if (at.distance >= 0 && at.normal.dot(lead) < 0) return false;
+    Vec3d normal = at.normal;
+    double distance = at.distance;
+    if (in.params.direction == ResponseDirection::kThesis && distance < 0 && overlap != kNone) {
+        const Vec3d& direction = penetrations.direction[overlap];
+        const Vec3d out = first ? Vec3d(-direction) : direction;
+        distance *= std::max(0.0, normal.dot(out));
+        normal = out;
+    }
+    if (lead != Vec3d::Zero() && distance < 0 && find_exit(surfaces, contacts, i, lead, scratch, at)) {
+        normal = lead;
+        distance = at.distance;
+    }
+    const Triangle& corner = mesh_view(surfaces.meshes, surfaces.bodies.mesh[other]).triangle[at.triangle];
+    const Vec3d p = world_to_frame(surfaces, other, at.closest);
+    constraints.contact[i] = i;
+    constraints.body[i] = body;
+    constraints.other[i] = other;
+    constraints.vertex[i] = contacts.vertex[i];
+    constraints.along[i] = contacts.along[i];
+    constraints.third[i] = contacts.third[i];
+    constraints.across[i] = contacts.across[i];
+    constraints.triangle[i] = corner;
+    constraints.weight[i] = barycentric(p, vertex_in_frame(surfaces, other, corner[0]), vertex_in_frame(surfaces, other, corner[1]),
+                                        vertex_in_frame(surfaces, other, corner[2]));
+    constraints.normal[i] = is_deformable(surfaces.bodies, other) ? normal : rotate_back(surfaces.poses.orientation[other], normal);
+    constraints.distance[i] = distance;
+    constraints.friction[i] = float(std::max(surfaces.bodies.tissue[body].friction, surfaces.bodies.tissue[other].friction));
+    return true;
+}
+
+// Marks inverted contacts of pairs that other inside points separate. In a fold of thin tissue the nearest
+// surface is the far side: a tool or free body would be caught and pull the tissue over itself like a sock.
+void drop_inverted(const Contacts& contacts, ContactConstraintsScratch& scratch) {
+    const uint32_t count = uint32_t(contacts.pair.size());
+    for (uint32_t first = 0, end = 0; first < count; first = end) {
+        bool any = false, others = false;
+        for (end = first; end < count && contacts.pair[end] == contacts.pair[first]; ++end) {
+            any = any || scratch.inverted[end];
+            others = others || (contacts.distance[end] < 0 && !scratch.dropped[end] && !scratch.inverted[end]);
+        }
+        if (!any || !others) continue;
+        for (uint32_t i = first; i < end; ++i) scratch.dropped[i] = scratch.dropped[i] || scratch.inverted[i];
+    }
+}
+
+constexpr uint32_t kConstraintsPerChunk = 512;
+
+}  // namespace
+
+void make_contact_constraints(const ContactInputs& in, const Contacts& contacts, const Penetrations& penetrations,
+                              ContactConstraintsScratch& scratch, Report& report, ContactConstraints& constraints) {
+    const uint32_t count = uint32_t(contacts.pair.size()), bodies = uint32_t(in.surfaces.bodies.mesh.size());
+    const uint32_t capacity = in.params.constraint_capacity;
+    scratch.count.assign(bodies, 0);
+    scratch.dropped.assign(count, 0);
+    scratch.inverted.assign(count, 0);
+    scratch.exit_pair = kNone;
+    for (const uint32_t body : contacts.body) ++scratch.count[body];
+    for (uint32_t body = 0; body < bodies; ++body) {
+        if (scratch.count[body] > capacity) drop_shallowest(capacity, body, contacts, scratch, report);
+    }
+    scratch.overlap.assign(in.pairs.a.size(), kNone);
+    for (uint32_t i = 0; i < penetrations.pair.size(); ++i) scratch.overlap[penetrations.pair[i]] = i;
+
+    resize_constraints(constraints, count);
+    // a deep pair's contacts share one exit grid, so they must not be split
+    const uint32_t grain = in.params.deep == DeepResponse::kLastFree ? std::max(count, 1u) : kConstraintsPerChunk;
+    parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i)
+            scratch.dropped[i] = scratch.dropped[i] || !make_constraint(in, contacts, penetrations, i, scratch, constraints);
+    });
+    drop_inverted(contacts, scratch);
+    remove_constraints(scratch.dropped, constraints);
+}
+
+}  // namespace trocar

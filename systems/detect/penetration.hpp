@@ -1,0 +1,31 @@
+#pragma once
+#include "components/report.hpp"
+#include "engine/contact/contact_inputs.hpp"
+namespace trocar {
+
+// Penetration phase (thesis 4.2, FindPenetration): per broad-phase pair with a point on or inside the other
+// surface, the largest of the shortest distances, b's separation direction, the witness contact (the first of
+// equal depths) and the counts. Ascending by pair. A pair that only touches has depth 0. Counts the pass.
+void measure_penetrations(const BroadPhasePairs& pairs, const Contacts& contacts, Report& report, Penetrations& penetrations);
+
+// Marks pairs so deep that the depth and its direction say little about the separating translation:
+// - the witness is an inverted contact (inverted_contact.hpp), as when two balls have passed each other's centres:
+// moving by the depth then provably does not separate the bodies;
+// - a tenth of the depth farther in, the point is hardly deeper and leaves in the opposite direction: the
+// medial axis lies between;
+// - another contact nearly as deep has the opposite direction. One query per pair.
+void mark_saturated(const ContactInputs& in, const Contacts& contacts, Penetrations& penetrations);
+
+// Stores, for every pair with contacts, b's separation direction in the last pass in which the pair was not
+// saturated (of the nearest contact while they do not overlap), and gives it to the pairs that are saturated
+// now (separation_direction). A pair whose direction has reversed since counts as saturated too. Forgets
+// pairs without contacts; a pair saturated from the start gets the shortest of 27 translations that surely
+// separate it (b leaves the slab around a). `before` is scratch.
+void remember_separation_directions(const ContactInputs& in, const Contacts& contacts, PairMemory& before, PairMemory& memory,
+                                    Penetrations& penetrations);
+
+// Both: finds the separation directions of deep pairs.
+void find_separation_directions(const ContactInputs& in, const Contacts& contacts, PairMemory& before, PairMemory& memory,
+                                Penetrations& penetrations);
+
+}  // namespace trocar

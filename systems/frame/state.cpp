@@ -1,0 +1,35 @@
+#include "systems/frame/state.hpp"
+
+namespace trocar {
+
+SleepingBodies sleeping_bodies(FrameState& f, SleepStage stage) {
+    if (f.options.update_sleeping_bodies) return {};
+    SleeperCache& cache = f.scratch.sleeping_bodies;
+    cache.seen[stage].resize(cache.number.size(), 0);
+    return {cache.number, cache.seen[stage]};
+}
+
+void number_sleeps(FrameState& f) {
+    const World& w = f.world;
+    SleeperCache& cache = f.scratch.sleeping_bodies;
+    cache.number.resize(w.bodies.mesh.size(), 0);
+    cache.generation.resize(w.spawning.generation.size(), 0);
+    for (uint32_t body = 0; body < cache.generation.size(); ++body)
+        if (std::exchange(cache.generation[body], w.spawning.generation[body]) != w.spawning.generation[body]) cache.number[body] = 0;
+    for (uint32_t body = 0; body < cache.number.size(); ++body) {
+        uint64_t& number = cache.number[body];
+        number = !lies_asleep(w.sleep, body) ? 0 : number != 0 ? number : ++cache.last;
+    }
+}
+
+OtherForces other_forces(World& w) {
+    OtherForces other{&w.solids};
+    if (!w.links.group.empty()) other.links = &w.links, other.holding = &w.holding_groups;
+    if (!w.nodes.drive.empty()) other.nodes = &w.nodes, other.node_state = &w.node_state;
+    if (!w.tears.body.empty()) other.tears = &w.tears, other.torn = &w.torn, other.torn_springs = &w.torn_springs;
+    return other;
+}
+
+EnergyInputs energy_inputs(World& w) { return {w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, other_forces(w)}; }
+
+}  // namespace trocar

@@ -1,0 +1,392 @@
+#include <algorithm>
+
+#include "engine/contact/displacement_bound.hpp"
+#include "systems/detect/body_boxes.hpp"
+#include "systems/detect/continuous_collision.hpp"
+#include "systems/detect/penetration.hpp"
+#include "systems/detect/pierced_bodies.hpp"
+#include "systems/frame/state.hpp"
+#include "systems/haptics/frame_ticks.hpp"
+#include "systems/haptics/input.hpp"
+#include "systems/haptics/surface_feel.hpp"
+#include "systems/output/picture_snapshot.hpp"
+#include "systems/prepare/node_switching.hpp"
+#include "systems/prepare/rigid_motion.hpp"
+#include "systems/prepare/spawning.hpp"
+#include "systems/prepare/tear_bodies.hpp"
+namespace trocar {
+namespace {
+
+// Functions of the table below, in its order: each passes columns of the world and scratch to one system.
+namespace stages {
+void device_input(FrameState& f) {
+    World& w = f.world;
+    if (f.options.external_ticks)
+        follow_devices(w.clock, w.haptics, w.live_devices, w.devices);
+    else
+        sample_devices(w.clock, w.paths, w.haptics, w.devices);
+}
+void nodes(FrameState& f) {
+    World& w = f.world;
+    switch_nodes(pass_seconds(w), w.nodes, w.spawning, w.haptics, w.poses, w.node_state, w.sleep);
+}
+void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.node_state.off, f.world.poses); }
+void bodies_come_and_go(FrameState& f) {
+    World& w = f.world;
+    spawning({w.clock.tick, f.options.account_energy, w.pools, w.meshes, w.solids, w.springs, w.bodies, w.anchors, w.settings.gravity},
+             f.scratch.spawning, {w.spawning, w.poses, w.particles, w.sleep, w.energy});
+}
+void link(FrameState& f) {
+    World& w = f.world;
+    link_bodies(pass_seconds(w), w.haptics.state, {surfaces_of(w), w.solids, w.trees}, f.scratch.links, w.links, w.sleep, w.energy,
+                w.report);
+}
+void tear(FrameState& f) {
+    World& w = f.world;
+    const TearPass pass{pass_seconds(w), w.settings.gravity, w.springs, w.solids, w.bodies, w.poses, w.anchors};
+    cut_bodies(pass, w.particles, w.meshes, w.trees, w.tears, w.sleep, {w.torn, w.torn_springs, w.energy, w.report});
+}
+void torn_springs(FrameState& f) {
+    World& w = f.world;
+    copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs);
+}
+
+namespace {
+
+ContactInputs contact_inputs(const World& w) {
+    const double period = period_seconds(w);
+    return {w.settings.contact, period, fall_in_period(w.settings.gravity, period), surfaces_of(w), w.boxes, w.pairs, w.trees};
+}
+
+}  // namespace
+
+void body_boxes(FrameState& f) {
+    World& w = f.world;
+    number_sleeps(f);
+    compute_body_boxes({period_seconds(w), surfaces_of(w), w.settings.gravity, w.haptics.tool, &w.devices, &w.spawning, &w.node_state},
+                       w.boxes, sleeping_bodies(f, kSeenByBoxes));
+}
+void fast_bodies(FrameState& f) {
+    World& w = f.world;
+    find_ccd_bodies({period_seconds(w), w.settings.gravity, surfaces_of(w), w.haptics.tool, w.devices, w.node_state}, w.fast_bodies,
+                    w.boxes);
+}
+void joined_bodies(FrameState& f) {
+    World& w = f.world;
+    find_joined_bodies(w.bodies, w.links, w.haptics.tool, w.haptics.jaw, w.joined_bodies);
+}
+void excluded_pairs(FrameState& f) {
+    World& w = f.world;
+    find_pierced_bodies(w.haptics.tool, w.boxes, w.nodes.apart, w.haptics.state, w.excluded_pairs);
+}
+void box_pairs(FrameState& f) {
+    World& w = f.world;
+    update_candidate_pairs(w.bodies, w.boxes, w.excluded_pairs, f.scratch.pairs, w.box_pairs);
+}
+void broad_phase_pairs(FrameState& f) {
+    World& w = f.world;
+    find_reachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, w.box_pairs, f.scratch.reachable, w.pairs,
+                         w.displacement_bounds, sleeping_bodies(f, kSeenByPairs));
+}
+void sleep(FrameState& f) {
+    World& w = f.world;
+    fall_asleep_and_wake({w.settings, pass_seconds(w), w.clock.period, w.bodies, w.paths, w.nodes.drive, w.joined_bodies, w.spawning},
+                         f.scratch.sleep, w.sleep, w.particles, w.poses, w.pairs, w.energy, w.report);
+    number_sleeps(f);
+}
+void refit(FrameState& f) {
+    World& w = f.world;
+    refit_trees(w.bodies, w.particles, w.pairs, f.scratch.refit, w.trees);
+}
+void impact_times(FrameState& f) {
+    World& w = f.world;
+    find_times_of_impact(contact_inputs(w), w.fast_bodies, f.scratch.pair_time_of_impact, w.impact_times);
+}
+void rasterise_bodies(FrameState& f) {
+    World& w = f.world;
+    rasterise(contact_inputs(w), f.limits.direct_tests, f.scratch.rasterise, w.report, w.screened, w.occupancy);
+}
+void candidate_cells(FrameState& f) {
+    World& w = f.world;
+    const DirectPairs direct{f.limits.direct_tests, w.displacement_bounds};
+    find_candidate_triangles(contact_inputs(w), direct, w.screened, w.occupancy, f.scratch.cells, w.candidates);
+}
+void parted_triangles(FrameState& f) { cull_by_separating_axis(contact_inputs(f.world), f.scratch.separating_axis, f.world.candidates); }
+void contours(FrameState& f) {
+    World& w = f.world;
+    find_contours(contact_inputs(w), w.candidates, f.scratch.contours, w.contours);
+}
+void overlap(FrameState& f) {
+    World& w = f.world;
+    find_overlap(contact_inputs(w), w.screened, w.candidates, f.scratch.overlap, w.report, w.near, w.contacts);
+}
+void edge_pass(FrameState& f) {
+    World& w = f.world;
+    find_edge_contacts(contact_inputs(w), w.candidates, w.near, f.scratch.edges, w.report, w.contacts);
+}
+void memory_order(FrameState& f) { order_memory(f.world.contact_memory, f.scratch.memory, f.world.memory_order); }
+void kept_edges(FrameState& f) {
+    World& w = f.world;
+    keep_edges(contact_inputs(w), w.contact_memory, w.memory_order, f.scratch.memory, w.contacts);
+}
+void face_pass(FrameState& f) {
+    World& w = f.world;
+    find_face_contacts(contact_inputs(w), f.limits.face_queries, w.screened, w.candidates, w.near, f.scratch.faces, w.contacts);
+}
+void penetration(FrameState& f) {
+    World& w = f.world;
+    measure_penetrations(w.pairs, w.contacts, w.report, w.penetrations);
+}
+void deep_overlap(FrameState& f) {
+    World& w = f.world;
+    find_separation_directions(contact_inputs(w), w.contacts, f.scratch.directions_before, w.pair_memory, w.penetrations);
+}
+void regions(FrameState& f) {
+    World& w = f.world;
+    find_regions(contact_inputs(w), w.screened, w.near, w.contacts, w.contours, f.scratch.regions, w.regions);
+}
+void contact_constraints(FrameState& f) {
+    World& w = f.world;
+    make_contact_constraints(contact_inputs(w), w.contacts, w.penetrations, f.scratch.constraints, w.report, w.contact_constraints);
+}
+void edge_constraints(FrameState& f) {
+    World& w = f.world;
+    add_edge_constraints(contact_inputs(w), w.candidates, f.scratch.edge_constraints, w.contact_constraints);
+}
+void loaded_constraints(FrameState& f) {
+    World& w = f.world;
+    mark_loaded(surfaces_of(w), w.contact_memory, w.memory_order, w.contact_constraints, w.loaded_constraints);
+}
+void culled_constraints(FrameState& f) {
+    World& w = f.world;
+    cull_constraints({period_seconds(w), w.settings.gravity, surfaces_of(w), w.displacement_bounds, w.loaded_constraints, w.joined_bodies,
+                      w.nodes.drive},
+                     f.scratch.culled_constraints, w.contact_constraints);
+}
+void redundant_constraints(FrameState& f) {
+    drop_redundant_constraints(surfaces_of(f.world), f.scratch.redundant_constraints, f.world.contact_constraints);
+}
+void warm_start(FrameState& f) { recall_contacts(f.world.contact_memory, f.world.memory_order, f.world.contact_constraints); }
+void islands(FrameState& f) {
+    World& w = f.world;
+    find_islands(w.bodies, w.contact_constraints, f.scratch.islands, w.islands, w.joined_bodies);
+}
+void local_contact(FrameState& f) {
+    World& w = f.world;
+    const Haptics& h = w.haptics;
+    w.local_contact.resize(h.tool.size());
+    for (size_t t = 0; t < h.tool.size(); ++t) {
+        const bool in_hand = w.node_state.laid_down.empty() || !w.node_state.laid_down[t];
+        publish_local_contact(haptic_params(w.clock.contact_rate), surfaces_of(w), w.boxes.box, h.tool[t], h.state[t],
+                              {pass_seconds(w), w.clock.pass + 1, period_seconds(w), in_hand}, f.scratch.local_contact, w.local_contact[t],
+                              std::span(h.jaw).subspan(h.tool[t].jaws.first, h.tool[t].jaws.count));
+    }
+}
+void haptic_surfaces(FrameState& f) {
+    World& w = f.world;
+    for (LocalContactModel& model : w.local_contact) publish_surfaces(w.haptics.surface, w.poses, model);
+}
+void drive_yield(FrameState& f) {
+    World& w = f.world;
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t)
+        publish_yield(w.nodes, w.node_state, w.bodies, w.haptics.tool[t], w.haptics.state[t], w.local_contact[t]);
+}
+void tissue_give(FrameState& f) {
+    World& w = f.world;
+    for (size_t t = 0; t < w.haptics.tool.size(); ++t)
+        publish_compliance(surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], f.scratch.local_contact, w.local_contact[t]);
+}
+void contact_hook(FrameState& f) {
+    if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, f.world);
+}
+
+void holding_groups(FrameState& f) {
+    find_holding_groups(f.world.links, static_cast<uint32_t>(f.world.bodies.mesh.size()), f.world.holding_groups);
+}
+void advance(FrameState& f) {
+    World& w = f.world;
+    f.times.tick_ns.assign(w.haptics.tool.size() * w.clock.period, 0);
+    FrameTicks ticks{w.clock, w.local_contact, f.scratch.haptic, w.haptics, w.devices, f.times.tick_ns};
+    AdvanceIslandsParams params;
+    params.island.tick = w.clock.tick;
+    params.island.ticks = w.clock.period;
+    params.island.gravity = w.settings.gravity;
+    params.island.contact = w.settings.contact;
+    params.island.account_energy = f.options.account_energy;
+    params.substep = w.settings.substep;
+    if (!f.options.external_ticks && !w.haptics.tool.empty()) params.ticks = {run_frame_ticks, &ticks};
+    params.trace = {f.options.trace, f.island_name, static_cast<uint32_t>(w.clock.pass)};
+    const AdvanceInputs inputs{w.meshes,         w.springs,          w.bodies,        w.anchors,      w.paths,      w.haptics.tool,
+                               w.devices.placed, w.clock.period + 1, other_forces(w), w.impact_times, w.haptics.jaw};
+    advance_islands(params, inputs, {w.islands, w.sleep, w.node_state}, f.scratch.advance,
+                    {w.particles, w.poses, w.contact_constraints, w.haptics.state}, w.energy, w.report, f.times.response_ns);
+}
+void contact_memory(FrameState& f) { remember_contacts(f.world.contact_constraints, f.world.contact_memory); }
+void link_forces(FrameState& f) {
+    World& w = f.world;
+    note_link_forces(period_seconds(w), w.haptics.tool, w.haptics.jaw, w.links, w.haptics.state);
+}
+void hand_forces(FrameState& f) { end_hand_pass(period_seconds(f.world), !f.options.external_ticks, f.world.haptics); }
+
+void surface_normals(FrameState& f) {
+    compute_surface_normals(surfaces_of(f.world), f.scratch.normals, f.world.normals, sleeping_bodies(f, kSeenByNormals));
+}
+void energy(FrameState& f) {
+    World& w = f.world;
+    measure_energy(energy_inputs(w), w.energy_start, f.scratch.energy, w.energy, sleeping_bodies(f, kSeenByEnergy));
+}
+void picture(FrameState& f) {
+    World& w = f.world;
+    write_picture_snapshot({w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, &w.tears,
+                            &w.spawning, &w.node_state},
+                           w.picture, sleeping_bodies(f, kSeenByPicture));
+}
+}  // namespace stages
+
+// Whether a scene has what stages work on.
+bool any_path(const World& w) {
+    return std::any_of(w.paths.body.begin(), w.paths.body.end(), [](uint32_t body) { return body != kNone; });
+}
+bool any_switch(const World& w) { return !w.nodes.toggle.empty() || !w.nodes.exchange.empty(); }
+bool any_pool(const World& w) { return !w.pools.slots.empty(); }
+bool any_tool(const World& w) { return !w.haptics.tool.empty(); }
+bool any_pair(const World& w) {
+    return w.bodies.motion.size() > 1 && std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands);
+}
+bool wants_regions(const World& w) { return w.settings.contact.regions && any_pair(w); }
+bool wants_contours(const World& w) { return (w.settings.contact.contours && any_pair(w)) || wants_regions(w); }
+bool wants_faces(const World& w) { return w.settings.contact.faces && any_pair(w); }
+bool wants_separation_directions(const World& w) { return w.settings.contact.deep != DeepResponse::kNone && any_pair(w); }
+bool any_mover(const World& w) { return any_tool(w) || std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands); }
+bool any_deformable(const World& w) { return !w.particles.offset.empty(); }
+bool any_energy(const World& w) { return any_deformable(w) || !w.bodies.rigid_mass.empty(); }
+bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
+
+bool any_link(const World& w) { return !w.links.group.empty(); }
+bool any_tear(const World& w) { return !w.tears.body.empty(); }
+bool any_jaw_or_link(const World& w) { return any_pair(w) && (any_link(w) || !w.haptics.jaw.empty()); }
+bool any_excluded(const World& w) { return any_pair(w) && (any_tool(w) || !w.nodes.apart.empty()); }
+bool any_fast(const World& w) { return any_pair(w) && (any_tool(w) || !w.bodies.rigid_mass.empty()); }
+bool any_free_pair(const World& w) { return any_pair(w) && !w.bodies.rigid_mass.empty(); }
+bool any_drive(const World& w) { return any_tool(w) && !w.nodes.drive.empty(); }
+bool anyone_sleeps(const World& w) { return any_energy(w) && w.settings.sleep_speed > 0; }
+
+using R = Resource;
+using S = StageId;
+using P = FramePart;
+constexpr ResourceMask kShapes = mask(R::kMeshes, R::kBodies, R::kPoses, R::kParticles);
+
+// clang-format off
+constexpr FrameStage kStages[] = {
+    // id                   part           name               run                       reads, writes                                                                                wanted
+    {S::kDeviceInput,     P::kInput,    {"device input",    stages::device_input,      mask(R::kClock, R::kPaths, R::kTools),
+        mask(R::kToolState, R::kDevices, R::kLiveDevices)}, any_tool},
+    {S::kNodes,           P::kInput,    {"nodes",           stages::nodes,             mask(R::kClock, R::kNodes, R::kTools, R::kSpawning),
+        mask(R::kPoses, R::kToolState, R::kNodeState, R::kSleep)}, any_switch},
+    {S::kRigidMotion,     P::kInput,    {"rigid motion",    stages::rigid_motion,      mask(R::kClock, R::kPaths, R::kNodeState),
+        mask(R::kPoses)}, any_path},
+    {S::kComeAndGo,       P::kInput,    {"come and go",     stages::bodies_come_and_go,kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock),
+        mask(R::kPoses, R::kParticles, R::kSleep, R::kSpawning, R::kEnergy)}, any_pool},
+    {S::kLinks,           P::kInput,    {"links",           stages::link,              kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),
+        mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
+    {S::kTears,           P::kInput,    {"tears",           stages::tear,              mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors),
+        mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
+    {S::kTornSprings,     P::kInput,    {"torn springs",    stages::torn_springs,      mask(R::kSprings, R::kSolids, R::kBodies, R::kTears, R::kTorn),
+        mask(R::kTornSprings)}, any_tear},
+    {S::kBodyBoxes,       P::kDetection,{"body boxes",      stages::body_boxes,        kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kSpawning, R::kNodeState, R::kSleep),
+        mask(R::kBoxes)}, any_pair},
+    {S::kFastBodies,      P::kDetection,{"fast bodies",     stages::fast_bodies,       kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kNodeState),
+        mask(R::kBoxes, R::kFastBodies)}, any_fast},
+    {S::kJoinedBodies,    P::kDetection,{"joined bodies",   stages::joined_bodies,     mask(R::kBodies, R::kLinks, R::kTools),
+        mask(R::kJoinedBodies)}, any_jaw_or_link},
+    {S::kExcludedPairs,   P::kDetection,{"excluded pairs",  stages::excluded_pairs,    mask(R::kBoxes, R::kNodes, R::kTools),
+        mask(R::kToolState, R::kExcludedPairs)}, any_excluded},
+    {S::kBoxPairs,        P::kDetection,{"box pairs",       stages::box_pairs,         mask(R::kBodies, R::kBoxes, R::kExcludedPairs),
+        mask(R::kBoxPairs)}, any_pair},
+    {S::kCandidatePairs,  P::kDetection,{"candidate pairs", stages::broad_phase_pairs,   kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kBoxPairs),
+        mask(R::kPairs, R::kDisplacementBounds)}, any_pair},
+    {S::kSleep,           P::kDetection,{"sleep",           stages::sleep,             mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kJoinedBodies, R::kNodes, R::kSpawning),
+        mask(R::kSleep, R::kParticles, R::kPoses, R::kPairs, R::kEnergy, R::kReport)}, anyone_sleeps},
+    {S::kRefitTrees,      P::kDetection,{"refit trees",     stages::refit,             kShapes | mask(R::kPairs),
+        mask(R::kTrees)}, any_pair},
+    {S::kImpactTimes,     P::kDetection,{"impact times",    stages::impact_times,      kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kTrees, R::kFastBodies),
+        mask(R::kImpactTimes)}, any_fast},
+    {S::kRasterise,       P::kDetection,{"rasterise",       stages::rasterise_bodies,  kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),
+        mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
+    {S::kCandidateCells,  P::kDetection,{"candidate cells", stages::candidate_cells,   kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kDisplacementBounds, R::kScreened, R::kOccupancy, R::kTrees),
+        mask(R::kCandidates)}, any_pair},
+    {S::kSeparatingAxisCulling, P::kDetection,{"separating axis culling",stages::parted_triangles,  kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),
+        mask(R::kCandidates)}, any_pair},
+    {S::kContours,        P::kDetection,{"contours",        stages::contours,          kShapes | mask(R::kPairs, R::kCandidates),
+        mask(R::kContours)}, wants_contours},
+    {S::kOverlap,         P::kDetection,{"overlap",         stages::overlap,           kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees),
+        mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
+    {S::kEdgePass,        P::kDetection,{"edge pass",       stages::edge_pass,         kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees, R::kBoxes),
+        mask(R::kContacts, R::kReport)}, any_pair},
+    {S::kMemoryOrder,     P::kDetection,{"memory order",    stages::memory_order,      mask(R::kContactMemory),
+        mask(R::kMemoryOrder)}, any_pair},
+    {S::kKeptEdges,       P::kDetection,{"kept edges",      stages::kept_edges,        kShapes | mask(R::kSettings, R::kPairs, R::kTrees, R::kBoxes, R::kContactMemory, R::kMemoryOrder),
+        mask(R::kContacts)}, any_pair},
+    {S::kFacePass,        P::kDetection,{"face pass",       stages::face_pass,         kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kScreened, R::kNear, R::kTrees),
+        mask(R::kContacts)}, wants_faces},
+    {S::kPenetration,     P::kDetection,{"penetration",     stages::penetration,       mask(R::kPairs, R::kContacts),
+        mask(R::kPenetrations, R::kReport)}, any_pair},
+    {S::kDeepOverlap,     P::kDetection,{"deep overlap",    stages::deep_overlap,      kShapes | mask(R::kPairs, R::kContacts, R::kTrees),
+        mask(R::kPairMemory, R::kPenetrations)}, wants_separation_directions},
+    {S::kRegions,         P::kDetection,{"regions",         stages::regions,           kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours),
+        mask(R::kRegions)}, wants_regions},
+    {S::kContactConstraints,     P::kDetection,{"contact rows",    stages::contact_constraints,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kContacts, R::kPenetrations),
+        mask(R::kContactConstraints, R::kReport)}, any_pair},
+    {S::kEdgeConstraints,        P::kDetection,{"edge constraints",       stages::edge_constraints,         kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates),
+        mask(R::kContactConstraints)}, any_free_pair},
+    {S::kLoadedConstraints,      P::kDetection,{"loaded constraints",     stages::loaded_constraints,       kShapes | mask(R::kContactMemory, R::kMemoryOrder, R::kContactConstraints),
+        mask(R::kLoadedConstraints)}, any_pair},
+    {S::kCulledConstraints,        P::kDetection,{"culled constraints",       stages::culled_constraints,         kShapes | mask(R::kSettings, R::kClock, R::kDisplacementBounds, R::kLoadedConstraints, R::kJoinedBodies, R::kNodes),
+        mask(R::kContactConstraints)}, any_pair},
+    {S::kRedundantConstraints,     P::kDetection,{"redundant constraints",    stages::redundant_constraints,      kShapes,
+        mask(R::kContactConstraints)}, any_pair},
+    {S::kWarmStart,       P::kDetection,{"warm start",      stages::warm_start,        mask(R::kContactMemory, R::kMemoryOrder),
+        mask(R::kContactConstraints)}, any_pair},
+    {S::kIslands,         P::kDetection,{"islands",         stages::islands,           mask(R::kBodies, R::kContactConstraints, R::kJoinedBodies),
+        mask(R::kIslands)}, any_mover},
+    {S::kLocalContact,    P::kHaptics,  {"local contact",   stages::local_contact,     kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kNodeState, R::kBoxes),
+        mask(R::kLocalContact)}, any_tool},
+    {S::kHapticSurfaces,  P::kHaptics,  {"haptic surfaces", stages::haptic_surfaces,   mask(R::kTools, R::kPoses),
+        mask(R::kLocalContact)}, any_tool},
+    {S::kDriveYield,      P::kHaptics,  {"drive yield",     stages::drive_yield,       mask(R::kTools, R::kToolState, R::kBodies, R::kNodes, R::kNodeState),
+        mask(R::kLocalContact)}, any_drive},
+    {S::kCompliancePrediction,      P::kHaptics,  {"compliance prediction",     stages::tissue_give,       kShapes | mask(R::kTools),
+        mask(R::kToolState, R::kLocalContact)}, any_tool},
+    {S::kContactHook,     P::kHaptics,  {"contact hook",    stages::contact_hook,      kShapes | mask(R::kClock, R::kTools),
+        mask(R::kToolState, R::kLocalContact)}, any_tool},
+    {S::kHoldingGroups,   P::kAdvance,  {"holding groups",  stages::holding_groups,    mask(R::kBodies, R::kLinks),
+        mask(R::kHoldingGroups)}, any_link},
+    {S::kAdvance,         P::kAdvance,  {"advance",         stages::advance,           mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears, R::kNodes, R::kImpactTimes, R::kHoldingGroups),
+        mask(R::kPoses, R::kParticles, R::kContactConstraints, R::kToolState, R::kDevices, R::kLinks, R::kTorn, R::kTornSprings, R::kNodeState, R::kEnergy, R::kReport)}, any_mover},
+    {S::kContactMemory,   P::kAdvance,  {"contact memory",  stages::contact_memory,    mask(R::kContactConstraints),
+        mask(R::kContactMemory)}, any_mover},
+    {S::kLinkForces,      P::kAdvance,  {"link forces",     stages::link_forces,       mask(R::kClock, R::kTools),
+        mask(R::kLinks, R::kToolState)}, any_link},
+    {S::kHandForces,      P::kAdvance,  {"hand forces",     stages::hand_forces,       mask(R::kClock, R::kTools),
+        mask(R::kToolState)}, any_tool},
+    {S::kSurfaceNormals,  P::kPicture,  {"surface normals", stages::surface_normals,   kShapes,
+        mask(R::kNormals)}, any_deformable},
+    {S::kEnergy,          P::kPicture,  {"energy",          stages::energy,            mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState),
+        mask(R::kEnergy, R::kEnergyStart)}, any_energy},
+    {S::kPicture,         P::kPicture,  {"picture",         stages::picture,           kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kSpawning, R::kNodeState),
+        mask(R::kPicture)}, any_body},
+};
+// clang-format on
+
+constexpr bool is_in_order(std::span<const FrameStage> stages) {
+    for (size_t index = 0; index < stages.size(); ++index)
+        if (stages[index].id != static_cast<StageId>(index) || (index > 0 && stages[index].part < stages[index - 1].part)) return false;
+    return stages.size() == static_cast<size_t>(StageId::kCount);
+}
+static_assert(is_in_order(kStages));
+
+}  // namespace
+
+std::span<const FrameStage> frame_stages() { return kStages; }
+
+}  // namespace trocar

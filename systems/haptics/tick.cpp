@@ -1,0 +1,214 @@
+#include "systems/haptics/tick.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "engine/base/check.hpp"
+#include "systems/haptics/device_motion.hpp"
+#include "systems/haptics/surface_feel.hpp"
+namespace trocar {
+namespace {
+
+constexpr double kSlipSpeed = 1;     // m/s, of the proxy beyond twice that of the device: a longer displacement continues in the next tick
+constexpr double kNearby = 2e-4;     // m, a surface farther than this from contact with the tip does not carry it
+constexpr double kLongestGap = 0.1;  // s, longer intervals between ticks are treated as this
+
+// ---- surface ----
+
+double segment_distance(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
+    const Vec3d along = b - a;
+    const double length2 = along.squaredNorm();
+    const double t = length2 > 0 ? std::clamp((p - a).dot(along) / length2, 0.0, 1.0) : 0;
+    return (a + t * along - p).norm();
+}
+
+struct TickSpan {
+    double elapsed = 0;  // s, since the last tick
+    SurfaceTime before;  // of the surface at the last tick
+    SurfaceTime now;
+    double travel = 0;          // m, the proxy may go
+    double surface_travel = 0;  // m, displacement of the fastest surface near the proxy
+    double moved() const { return now.age - before.age; }
+    double travel_at(double speed) const { return speed * std::abs(moved()) + (now.follow - before.follow).norm(); }
+};
+
+// A surface is not extrapolated beyond the time it was published for: then it stands still.
+double shown_age(const HapticParams& params, double age) { return std::clamp(age, -params.greatest_age, params.greatest_age); }
+
+TickSpan span_of(const HapticParams& params, const LocalContactModel& model, double time, const ToolState& state) {
+    TickSpan span;
+    span.elapsed = state.ticks > 0 ? std::clamp(time - state.time, 0.0, kLongestGap) : params.dt;
+    span.now.age = shown_age(params, time - model.time);
+    span.before.age = shown_age(params, time - model.time - span.elapsed);
+    return span;
+}
+
+// Number of steps, each shorter than half the tip's radius so that the surface cannot pass over its centre.
+int carry_steps(const TickSpan& span, double radius) {
+    return static_cast<int>(std::clamp(std::ceil(span.surface_travel / (0.5 * radius)), 1.0, 16.0));
+}
+SurfaceTime after_step(const TickSpan& span, int step, int steps) {
+    const double left = double(steps - step) / steps;
+    return {span.now.age - span.moved() * left, span.now.follow - left * (span.now.follow - span.before.follow)};
+}
+
+// Moves the proxy with the surface that moved since the last tick. The gathered triangles are those after the
+// first step. False: the exit from a crowd of features is left to the search for the goal.
+bool carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room, HapticScratch& scratch,
+                 ToolState& state) {
+    const double travel = span.surface_travel;
+    if (travel == 0 && state.contacts == 0) return true;
+    const int steps = carry_steps(span, radius);
+    const Vec3d followed = span.now.follow - span.before.follow;
+    bool was_outside = state.contacts > 0;
+    for (int k = 1; k <= steps; ++k) {
+        if (was_outside && travel > 0) {
+            const SurfaceMotion motion = surface_motion(state.proxy, kNearby, scratch.near);
+            state.proxy += span.moved() / steps * motion.velocity;
+            if (motion.body != kNone && motion.body == model.compliance.body) state.proxy += followed / steps;
+        }
+        if (k > 1) place_near(after_step(span, k, steps), room.origin, scratch.near);
+        const ProxySearch s = find_proxy(state.proxy, state.proxy, room, 0, was_outside, scratch, k == steps);
+        state.proxy = s.proxy;
+        was_outside = was_outside || s.active > 0;
+        if (s.inside) {
+            state.proxy_valid = false;
+            state.contacts = 0;
+            return true;
+        }
+        if (s.left) return false;
+    }
+    return true;
+}
+
+// Whether a tip there is clear of all nearby surface.
+bool is_clear(const Vec3d& centre, HapticScratch& scratch) {
+    find_touched(centre, scratch);
+    return std::all_of(scratch.touched.begin(), scratch.touched.end(),
+                       [&](const TouchedFeature& f) { return f.distance >= offset_of(scratch.near, f.near); });
+}
+
+// Moves the proxy to its solution for the device's present position.
+void update_proxy(const LocalContactModel& model, const TickSpan& span, const HandTool& tool, HapticScratch& scratch, ToolState& state) {
+    constexpr double kSlow = 1e-3;  // m/s
+    const Vec3d goal = state.device.position;
+    if (!state.proxy_valid) {
+        state.proxy = goal;
+        state.contacts = 0;
+        state.proxy_valid = is_clear(goal, scratch);
+        return;
+    }
+    const Room room{state.proxy, span.travel};
+    const bool came_out = carry_proxy(model, span, tool.tip_radius, room, scratch, state);
+    if (!state.proxy_valid) return;
+    const Vec3d carried = state.proxy;
+    const double friction = feel_of(tool, model, state.touched, state.sliding).friction;
+    const ProxySearch s = find_proxy(state.proxy, goal, room, friction, state.contacts > 0, scratch);
+    if (!model.surface.empty()) {
+        if (came_out) state.sliding = state.contacts > 0 && (s.proxy - carried).norm() > kSlow * span.elapsed;
+        state.carried += carried - room.origin;
+    }
+    state.proxy = s.proxy;
+    state.proxy_valid = !s.inside;
+    state.contacts = s.inside ? 0 : s.active;
+    // hovering around an edge it still counts as touching that body, although no feature is in contact
+    if (state.contacts > 0 && !scratch.touched.empty()) state.touched = scratch.near.triangle[scratch.touched.front().near].body;
+}
+
+// ---- force ----
+
+Vec3d limited(const Vec3d& v, double most) {
+    const double length = v.norm();
+    return length > most ? Vec3d(v * (most / length)) : v;
+}
+
+// Force of the coupling on the hand, N.
+Vec3d coupling_force(const HandTool& tool, const SurfaceFeel& feel, const ToolState& state, const Vec3d& surface_velocity) {
+    if (!state.proxy_valid || state.contacts == 0) return Vec3d::Zero();
+    const Vec3d spring = feel.stiffness * (state.proxy - state.device.position);
+    const double pull = spring.norm();
+    if (pull == 0) return Vec3d::Zero();
+    const Vec3d direction = spring / pull;
+    const double speed = (state.device.velocity - surface_velocity).dot(direction);
+    // damping starts from zero with the spring, so that first contact and release are continuous
+    const double damping = std::clamp(-feel.damping * speed, -pull, pull);
+    // slightly below the maximum, so that rounding never exceeds it
+    return limited((pull + damping) * direction, tool.max_force * (1 - 1e-12));
+}
+
+// Force on the hand (N) between the last command and `wanted`: as far as the motions since then justify plus
+// a small amount each tick, so that a new set of contacts ramps in.
+Vec3d slewed_force(const HapticParams& params, const HandTool& tool, const SurfaceFeel& feel, const TickSpan& span, const Vec3d& wanted,
+                   const Vec3d& drift, const DeviceState& last, double last_gain, const ToolState& state) {
+    const double displacement = (state.device.position - last.position).norm() + drift.norm() * span.moved();
+    const double explained = feel.stiffness * displacement + feel.damping * (state.device.velocity - last.velocity).norm() +
+                             tool.max_force * std::abs(state.gain - last_gain);
+    return state.command.force + limited(wanted - state.command.force, explained + params.force_slew * span.elapsed);
+}
+
+}  // namespace
+
+void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool, const DeviceState& sample,
+                 HapticScratch& scratch, ToolState& state) {
+    TROCAR_ASSERT(tool.tip_radius > 0);
+    const DeviceState last = state.device_valid ? state.device : sample;
+    const double last_gain = state.gain;
+    TickSpan span = span_of(params, model, time, state);
+    state.time = time;
+    state.model_age = time - model.time;
+    ++state.ticks;
+    const bool accepted = take_sample(params, sample, state);
+    if (!state.device_valid) return;
+    state.gain = next_gain(params, tool.limits, accepted, time - state.device.time, state.model_age, span.elapsed, state.gain);
+
+    const Vec3d centre = state.proxy_valid ? state.proxy : state.device.position;
+    const double device_way = (state.device.position - last.position).norm();
+    span.before.follow = surface_follow(params, model.compliance, last.position, time - span.elapsed);
+    span.now.follow = surface_follow(params, model.compliance, state.device.position, time);
+    const double own_travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) + 10 * kSkin;
+    const double most_travel = span.travel_at(model.fastest);
+    span.surface_travel = span.travel_at(fastest_near(model, span.now, tool, centre, own_travel + 3 * most_travel + kNearby));
+    span.travel = own_travel + 2 * span.surface_travel;
+    // nothing is known beyond the region of the model
+    const double farthest = tool.tip_radius + std::max(0.0, model.compliance.gap) + span.travel + span.now.follow.norm();
+    if (segment_distance(centre, model.from, model.to) + farthest <= model.reach) {
+        const int steps = state.proxy_valid ? carry_steps(span, tool.tip_radius) : 1;
+        gather_surface(model, after_step(span, 1, steps), tool, centre, span.travel + span.surface_travel + kNearby, scratch);
+        update_proxy(model, span, tool, scratch, state);
+    } else {
+        state.proxy_valid = false;
+        state.contacts = 0;
+    }
+    if (state.contacts == 0) state.touched = kNone, state.sliding = false, state.carried.setZero();
+    Vec3d drift = Vec3d::Zero();
+    if (state.contacts > 0 && span.surface_travel > 0) {
+        const SurfaceMotion motion = surface_motion(state.proxy, kNearby, scratch.near);
+        drift = motion.velocity;
+        if (motion.body != kNone && motion.body == model.compliance.body && span.elapsed > 0)
+            drift += (span.now.follow - span.before.follow) / span.elapsed;
+    }
+    const SurfaceFeel feel = feel_of(tool, model, state.touched, state.sliding);
+    state.pull = state.gain * coupling_force(tool, feel, state, drift);
+    state.command.force =
+        accepted ? slewed_force(params, tool, feel, span, state.pull, drift, last, last_gain, state) : Vec3d(Vec3d::Zero());
+    state.largest_force = std::max(state.largest_force, state.command.force.norm());
+}
+
+HapticParams haptic_params(uint32_t contact_rate) {
+    HapticParams params;
+    params.greatest_age = 2.1 / contact_rate;
+    return params;
+}
+
+void sum_tool_counters(Haptics& haptics) {
+    haptics.ticks = 0;
+    haptics.rejected_samples = 0;
+    for (const ToolState& state : haptics.state) {
+        haptics.ticks += state.ticks;
+        haptics.rejected_samples += state.rejected_samples;
+        haptics.max_force = std::max(haptics.max_force, state.largest_force);
+    }
+}
+
+}  // namespace trocar

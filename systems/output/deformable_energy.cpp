@@ -1,0 +1,57 @@
+#include "systems/output/deformable_energy.hpp"
+
+#include <algorithm>
+
+#include "engine/jobs/parallel.hpp"
+#include "engine/mesh/surfaces.hpp"
+#include "engine/motion/node_drive.hpp"
+namespace trocar {
+
+void measure_energy(const EnergyInputs& inputs, EnergyStart& start, EnergyScratch& scratch, Energy& energy,
+                    const SleepingBodies& sleeping_bodies) {
+    const Bodies& bodies = inputs.bodies;
+    const OtherForces& other = inputs.other;
+    energy.kinetic = energy.elastic = energy.pressure = energy.bending = energy.links = energy.gravity = 0;
+    if (scratch.of_body.size() != bodies.motion.size()) {
+        scratch.of_body.assign(bodies.motion.size(), {});
+        std::fill(sleeping_bodies.seen.begin(), sleeping_bodies.seen.end(), 0);
+    }
+    const uint32_t count = static_cast<uint32_t>(bodies.motion.size());
+    const uint32_t grain = std::max(1u, chunk_count(count, static_cast<uint32_t>(scratch.part.size())));
+    parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t body = begin; body < end; ++body) {
+            if (!is_deformable(bodies, body) || was_seen(sleeping_bodies, body)) continue;
+            scratch.of_body[body] = {};
+            add_body_energy(inputs, body, scratch.part[begin / grain], scratch.of_body[body]);
+        }
+    });
+    for (uint32_t body = 0; body < count; ++body) {
+        if (!is_deformable(bodies, body)) continue;
+        const Energy& own = scratch.of_body[body];
+        energy.kinetic += own.kinetic, energy.elastic += own.elastic, energy.pressure += own.pressure;
+        energy.bending += own.bending, energy.gravity += own.gravity;
+    }
+    for (const RigidMass& free : bodies.rigid_mass) add_free_energy(free, inputs.poses, inputs.particles, inputs.gravity, energy);
+    if (other.nodes) {
+        for (size_t i = 0; i < other.nodes->drive.size(); ++i) {
+            const DriveState& state = other.node_state->drive[i];
+            const double back = 0.5 * inputs.particles.last_dt[other.nodes->drive[i].body];
+            energy.elastic += drive_energy(other.nodes->drive[i], state.coordinate - back * state.rate);
+        }
+    }
+    if (other.links) {
+        for (const LinkGroup& g : other.links->group) {
+            for (uint32_t link = g.links.first; link < g.links.end(); ++link) {
+                const double stretch = other.links->whole[link] ? other.links->stretch[link] : 0;
+                energy.links += 0.5 * g.stiffness * stretch * stretch;
+            }
+        }
+    }
+    const double sum = energy.kinetic + energy.elastic + energy.pressure + energy.bending + energy.links + energy.gravity -
+                       energy.work_hand - energy.work_contact - energy.work_damping - energy.work_push - energy.work_numeric -
+                       energy.work_links;
+    if (!start.known) start = {true, sum};
+    energy.balance = sum - start.sum;
+}
+
+}  // namespace trocar

@@ -1,0 +1,43 @@
+#pragma once
+#include <array>
+#include <span>
+
+#include "components/contacts.hpp"
+#include "components/haptics.hpp"
+#include "components/nodes.hpp"
+#include "components/picture.hpp"
+#include "components/spawning.hpp"
+#include "components/tears.hpp"
+#include "engine/contact/sleeping_bodies.hpp"
+#include "engine/mesh/surfaces.hpp"
+namespace trocar {
+
+// Points of an effect that are drawn alike.
+struct PicturePoints {
+    std::span<const Vec3d> position;  // m, world
+    double radius = 0;                // m
+    std::array<float, 3> colour{};    // linear
+};
+
+// Inputs of a picture.
+struct PictureInputs {
+    uint64_t number = 0;
+    double time = 0;  // s
+    Surfaces surfaces;
+    const SurfaceNormals& normals;  // result of compute_surface_normals
+    const Contacts& contacts;
+    const Penetrations& penetrations;
+    const Haptics& haptics;
+    const Tears* tears = nullptr;           // triangles that cuts have removed; or null
+    const SpawnState* spawning = nullptr;   // empty slots are not drawn; or null
+    const NodeState* node_state = nullptr;  // nor are bodies of disabled nodes; or null
+    std::span<const PicturePoints> points = {};
+};
+
+// Copies what a picture shows into `out`, whose capacity is reused. A vertex gets the deepest of its
+// contacts; both ends of an edge contact get that contact's depth. Contacts outside (distance >= 0) count as
+// depth zero. Non-finite vertices are copied unchanged and excluded from the boxes. Sleeping bodies copied
+// already keep their elements of `out`.
+void write_picture_snapshot(const PictureInputs& inputs, PictureSnapshot& out, const SleepingBodies& sleeping_bodies = {});
+
+}  // namespace trocar
