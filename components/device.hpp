@@ -17,12 +17,12 @@ struct DeviceState {
     TROCAR_FIELDS(time, "s", position, "m", orientation, velocity, "m/s", buttons, grip, "rad");
 };
 
-// Where the devices are at every millisecond of a pass, both ends included: that of tool t at millisecond k in row
-// t * per_tool + k.
+// Samples of the devices at every millisecond of a pass, both ends included: element t * per_tool + k is
+// tool t at millisecond k.
 struct DeviceSamples {
     uint32_t per_tool = 0;
-    std::vector<DeviceState> intended;  // where hands mean to be; empty in live runs
-    std::vector<DeviceState> placed;    // where they are, as forces and workspaces have it
+    std::vector<DeviceState> intended;  // where the hands aim; empty in live runs
+    std::vector<DeviceState> placed;    // actual samples, moved by forces and workspaces
     TROCAR_FIELDS(per_tool, intended, placed);
     const DeviceState& start(size_t tool) const { return placed[tool * per_tool]; }
     const DeviceState& end(size_t tool) const { return placed[tool * per_tool + per_tool - 1]; }

@@ -21,7 +21,7 @@ namespace trocar {
         visit(__VA_ARGS__);                           \
     }                                                 \
     static constexpr const char* kFields = #__VA_ARGS__
-// The same of a struct of arrays that all have one row per element; find_fault sees to it.
+// The same for a struct of arrays of equal length, which find_fault checks.
 #define TROCAR_COLUMNS(...)     \
     TROCAR_FIELDS(__VA_ARGS__); \
     static constexpr bool kColumns = true

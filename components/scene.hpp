@@ -12,7 +12,7 @@ struct SceneSettings {
     std::string description;
     double seconds = 3;                  // s, default length of a run
     Vec3d gravity = Vec3d(0, 0, -9.81);  // m/s^2
-    double substep = 1e-3;               // s, largest explicit step; the computed limit may ask for less
+    double substep = 1e-3;               // s, largest explicit step; the computed limit may be smaller
     double sleep_speed = 1e-4;           // m/s, root mean square: an island of slower bodies falls asleep; 0 = never
     double sleep_after = 0.5;            // s, time below that speed
     ContactParams contact;

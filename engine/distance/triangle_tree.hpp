@@ -7,7 +7,7 @@
 #include "engine/distance/closest_point.hpp"
 namespace trocar {
 
-// Lower and negated upper ends of eight boxes; where there is none they are infinite: it meets nothing.
+// Lower and negated upper ends of eight boxes; an absent box has infinite ends and meets nothing.
 struct alignas(32) EightBoxes {
     float side[6][8];
 };

@@ -192,7 +192,7 @@ void reserve(Buffer& buffer, GLenum target, size_t bytes) {
     buffer.bytes = bytes;
 }
 
-// Writes `count` elements by fill(rows).
+// Has fill write `count` elements.
 template <typename Row, typename Fill>
 void stream(Buffer& buffer, size_t count, const Fill& fill) {
     reserve(buffer, GL_ARRAY_BUFFER, count * sizeof(Row));

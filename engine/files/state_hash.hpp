@@ -55,8 +55,8 @@ struct StateHash {
 
  private:
     // Data of kWideRow bytes and more: blocks of kBlock bytes are hashed separately, on all threads of the
-    // caller's pool, and their hashes added in order. A block has thirty-two chains; word i goes to chain i %
-    // 32, and the words left after whole rows of 32 follow the chains. The bits depend neither on threads nor
+    // caller's pool, and their hashes added in order. A block has 32 chains: word i is hashed into chain i %
+    // 32; the bytes after the last whole 32 words follow the chains. The bits depend neither on threads nor
     // on the instruction set.
     void add_blocks(const void* data, size_t size);
 };

@@ -21,11 +21,11 @@ struct ImplicitStep {
     float* position;                // 4 per particle: x + theta h v, m; w = inverse mass
     float* direction;               // 4 per particle, m/s
     float* spring_direction;        // 64 per column: direction * sqrt(1 - a) in x, y, z, then a
-    float* block;                   // 6 fields of `rows`: inverse of the diagonal block, xx yy zz xy xz yz
-    float* residual;                // 3 fields of `rows`, N s
+    float* block;                   // 6 fields: inverse of the diagonal block, xx yy zz xy xz yz
+    float* residual;                // 3 fields, N s
     float* applied;                 // 3 fields
     float* change;                  // 3 fields: dv, m/s
-    unsigned padded_count;          // particles, padded to 16
+    unsigned padded_count;          // length of a field: particles, padded to 16
     float theta;                    // 1/2: midpoint; 1: backward Euler
     float keep_before, keep_after;  // fractions of the velocity relative to the drag that damping leaves before and after the step
     float rigid_velocity[3];        // of the goals of a free body under `direction`: rigid_velocity + rigid_turn x position

@@ -51,7 +51,7 @@ TROCAR_LANES D multiply_add(D a, D b, D c) { return _mm256_fmadd_pd(a, b, c); }
 TROCAR_LANES D multiply_subtract(D a, D b, D c) { return _mm256_fmsub_pd(a, b, c); }
 TROCAR_LANES D subtract_product(D c, D a, D b) { return _mm256_fnmadd_pd(a, b, c); }
 TROCAR_LANES D where_positive(D sign, D value) { return _mm256_and_pd(_mm256_cmp_pd(sign, _mm256_setzero_pd(), _CMP_GT_OQ), value); }
-// kWide rows of four floats as four fields.
+// kWide elements of four floats as fields.
 TROCAR_LANES void load4_wide(const float* rows, D (&field)[4]) {
     __m128 x = _mm_load_ps(rows), y = _mm_load_ps(rows + 4), z = _mm_load_ps(rows + 8), w = _mm_load_ps(rows + 12);
     _MM_TRANSPOSE4_PS(x, y, z, w);

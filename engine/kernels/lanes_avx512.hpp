@@ -22,7 +22,7 @@ inline __attribute__((always_inline)) Lanes transpose(__m512 a, __m512 b, __m512
             _mm512_shuffle_ps(ab_high, cd_high, 0xEE)};
 }
 
-// Rows index[0], index[4], index[8], index[12] in the four 128-bit groups.
+// Elements index[0], [4], [8] and [12] in the four 128-bit groups.
 inline __attribute__((always_inline)) __m512 load_rows(const float* base, const unsigned* index) {
     const auto row = [&](unsigned i) __attribute__((always_inline)) { return _mm_load_ps(base + 4 * static_cast<unsigned long>(i)); };
     __m512 rows = _mm512_castps128_ps512(row(index[0]));
@@ -52,7 +52,7 @@ inline __attribute__((always_inline)) __m512 widen(const unsigned short* values)
     return _mm512_cvtepi32_ps(_mm512_cvtepu16_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(values))));
 }
 
-// Converts four registers of four consecutive rows each to the four fields of 16 rows, and back.
+// Transposes the 4 x 4 groups of 128 bits, so that transpose() yields 16 elements in order.
 inline __attribute__((always_inline)) void swap_groups(__m512& a, __m512& b, __m512& c, __m512& d) {
     const __m512 ab_low = _mm512_shuffle_f32x4(a, b, 0x44), ab_high = _mm512_shuffle_f32x4(a, b, 0xEE);
     const __m512 cd_low = _mm512_shuffle_f32x4(c, d, 0x44), cd_high = _mm512_shuffle_f32x4(c, d, 0xEE);

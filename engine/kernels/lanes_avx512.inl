@@ -50,7 +50,7 @@ TROCAR_LANES D subtract_product(D c, D a, D b) { return _mm512_fnmadd_pd(a, b, c
 TROCAR_LANES D where_positive(D sign, D value) {
     return _mm512_maskz_mov_pd(_mm512_cmp_pd_mask(sign, _mm512_setzero_pd(), _CMP_GT_OQ), value);
 }
-// kWide rows of four floats as four fields.
+// kWide elements of four floats as fields.
 TROCAR_LANES void load4_wide(const float* rows, D (&field)[4]) {
     const auto two = [&](int i) __attribute__((always_inline)) {
         return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(rows + 4 * i)), _mm_load_ps(rows + 16 + 4 * i), 1);
