@@ -44,8 +44,7 @@ bool is_free(const AdvanceIsland& island, uint32_t node) {
 }
 
 // Moves a node by a correction, visible to constraints solved later. A node pressed from opposite sides does
-// not move at once: its constraints' displacements are summed over a sweep, and meet_midway moves it by their
-// mean.
+// not move at once: its constraints' displacements are summed over a sweep, then meet_midway moves it.
 void move_node(uint32_t node, Vec4d move, uint8_t sweep, ContactNodeSet& nodes) {
     if (const ContactNodeChange change = nodes.change[node]; change.conflicting) {
         change.displacement += move;
@@ -86,9 +85,10 @@ void keep_midway(const ContactSolver& solver, const ConstraintGroup& group, Cont
             if (nodes.change.conflicting[constraint.node[k]]) nodes.change.constraint_count[constraint.node[k]] = kStays;
     }
 }
-// Moves the nodes pressed from opposite sides by the sum of their constraints' displacements in a sweep over
-// the largest number of them in one sweep. That converges for any number (mass splitting, Tonge et al. 2012).
-// With equal numbers on both sides a node ends midway; later sweeps move what can yield around it.
+// Moves each node pressed from opposite sides by the summed displacements of this sweep, divided by the
+// largest number of constraints that moved the node in any sweep so far (at least 2). Converges for any
+// number (mass splitting, Tonge et al. 2012). With equal numbers on both sides the node ends midway; later
+// sweeps move what yields around it.
 void meet_midway(const ContactSolver& solver, const ConstraintGroup& group, uint8_t sweep, ContactNodeSet& nodes) {
     for_conflicting(solver, nodes, group, [&](uint32_t node) {
         const ContactNodeChange change = nodes.change[node];
@@ -284,9 +284,8 @@ bool has_moved(const ContactSolver& solver, const ConstraintGroup& group, uint8_
     });
 }
 
-// One sweep over a group. Sweeps after the first skip constraints with a free body and those deeper than the
-// longest correction. Nodes pressed from opposite sides move at the end of the group's sweep, in the first
-// sweep after all groups. Returns whether any constraint was corrected.
+// One sweep over a group. Nodes pressed from opposite sides move after the group's sweep; in the first sweep,
+// after all groups. Returns whether any constraint was corrected.
 bool correct_group(const AdvanceCall& call, const ContactConstraints& constraints, const CorrectionSweep& sweep, ContactSolver& solver,
                    AdvanceIsland& island, ConstraintGroup& group) {
     if (!has_moved(solver, group, sweep.since)) return false;
@@ -321,9 +320,9 @@ bool may_undo(const AdvanceCall& call, const AdvanceIsland& island) {
     return call.params.contact.share == ResponseShare::kMass && std::none_of(island.rigid.begin(), island.rigid.end(), is_led);
 }
 
-// Sweeps over all groups: one; the others of each group while it is in the cache; then up to fifteen times as
-// many over all groups in turn for overlaps above the tolerance. Returns whether any constraint was
-// corrected.
+// One sweep over all groups; then each group's remaining sweeps in a row, while it is in the cache; then
+// up to 15 x `iterations` sweeps over all groups while an overlap exceeds the tolerance. Returns whether any
+// constraint was corrected.
 bool correct_groups(const AdvanceCall& call, const ContactConstraints& constraints, double most, ContactSolver& solver,
                     AdvanceIsland& island) {
     constexpr uint32_t kLastStamp = 254;

@@ -77,7 +77,7 @@ struct Frame::Graphs {
         stages.push_back(s.stage);
         names.emplace_back(s.stage.name);
     }
-    // Row of the first stage of a picture, or the end.
+    // Index of the first stage of a picture, or the end.
     uint32_t first_of_picture() const {
         const auto picture = std::ranges::find(frame_stages(), P::kPicture, &FrameStage::part) - frame_stages().begin();
         const uint32_t first = *std::min_element(index.begin() + picture, index.end());

@@ -59,7 +59,7 @@ ReplayVerdict replay_capture(const Capture& capture, const ReplayObserver& obser
 // InputError if the capture does not contain the pass.
 struct PassProfile {
     std::vector<std::string> stage;
-    std::vector<std::vector<double>> stage_ms;  // one row per stage, one value per repetition
+    std::vector<std::vector<double>> stage_ms;  // per stage and repetition
     std::vector<double> pass_ms;
     bool same = true;  // whether every repetition ended bit-identical to the recording
 };
