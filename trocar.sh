@@ -46,13 +46,8 @@ setup() {
 
 build() {  # preset target...; without targets everything
     setup
-    local launcher=()
-    if command -v ccache >/dev/null; then
-        launcher=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
-        export CCACHE_SLOPPINESS=pch_defines,time_macros
-    fi
     step "configuring ($1)"
-    cmake --preset "$1" "${launcher[@]}" "${options[@]}" >"build-$1.log" 2>&1 || { cat "build-$1.log"; exit 1; }
+    cmake --preset "$1" "${options[@]}" >"build-$1.log" 2>&1 || { cat "build-$1.log"; exit 1; }
     rm -f "build-$1.log"
     step "building ($1)"
     cmake --build --preset "$1" -- --quiet "${@:2}"
