@@ -2,6 +2,8 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
+#include <exception>
 #include <new>
 #include <numbers>
 
@@ -450,7 +452,26 @@ int dispatch(const CLI::App& app, Arguments& a) {
 
 }  // namespace
 
+namespace {
+
+void say_no_memory() { std::fprintf(stderr, "trocar: not enough memory for this: take fewer or coarser bodies, or raise the limit\n"); }
+
+// Memory can also run out where nothing can catch it: in a worker thread that has no room left to pass the exception on.
+[[noreturn]] void end_uncaught() {
+    try {
+        if (const std::exception_ptr e = std::current_exception()) std::rethrow_exception(e);
+    } catch (const std::bad_alloc&) {
+        say_no_memory();
+        std::_Exit(trocar::kFault);
+    } catch (...) {
+    }
+    std::abort();
+}
+
+}  // namespace
+
 int main(int argc, char** argv) {
+    std::set_terminate(end_uncaught);
     trocar::set_float_mode();
     trocar::keep_freed_memory();
     try {
@@ -470,7 +491,7 @@ int main(int argc, char** argv) {
         std::fprintf(stderr, "trocar: %s\n", trocar::one_line(e.what()).c_str());
         return trocar::kUsage;
     } catch (const std::bad_alloc&) {
-        std::fprintf(stderr, "trocar: not enough memory for this: take fewer or coarser bodies, or raise the limit\n");
+        say_no_memory();
         return trocar::kFault;
     } catch (const std::exception& e) {
         std::fprintf(stderr, "trocar: internal fault: %s\n", trocar::one_line(e.what()).c_str());
