@@ -2,7 +2,7 @@
 #include <memory>
 
 #include "bench/table.hpp"
-#include "tests/systems/advance/spring_graph.hpp"
+#include "tests/systems/advance/tissue/spring_graph.hpp"
 namespace trocar::bench {
 
 // Cost of one gathered float in s: 16-wide gathers of local indices over `elements` floats, best of several

@@ -11,7 +11,7 @@
 #include "systems/app/console/commands.hpp"
 #include "systems/app/report/figures.hpp"
 #include "systems/frame/frame.hpp"
-#include "systems/haptics/device_motion.hpp"
+#include "systems/haptics/contact/device_motion.hpp"
 #include "systems/haptics/live_haptics.hpp"
 #include "systems/haptics/tool.hpp"
 // Two instruments with whole-body contact on one deforming liver: tick times and force errors. They take over

@@ -1,7 +1,7 @@
 #pragma once
 #include <vector>
 
-#include "tests/systems/advance/spring_graph.hpp"
+#include "tests/systems/advance/tissue/spring_graph.hpp"
 namespace trocar::bench {
 
 // Extended position based dynamics of a spring graph (Macklin, Mueller, Chentanez, "XPBD", MIG 2016), eight

@@ -1,6 +1,6 @@
 #pragma once
-#include "systems/advance/call.hpp"
-#include "systems/advance/scratch.hpp"
+#include "systems/advance/island/call.hpp"
+#include "systems/advance/island/scratch.hpp"
 namespace trocar {
 
 // Adds a call's works and counters to the energy accounting and the report. Islands are added in their order.

@@ -6,7 +6,7 @@
 #include "engine/contact/sleeping_bodies.hpp"
 #include "engine/jobs/parallel.hpp"
 #include "engine/jobs/thread_pool.hpp"
-#include "systems/advance/fine_steps.hpp"
+#include "systems/advance/tissue/fine_steps.hpp"
 namespace trocar {
 namespace {
 

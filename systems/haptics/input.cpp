@@ -3,7 +3,7 @@
 #include <array>
 
 #include "engine/geometry/quaternion.hpp"
-#include "systems/haptics/device_motion.hpp"
+#include "systems/haptics/contact/device_motion.hpp"
 #include "systems/haptics/tool.hpp"
 namespace trocar {
 namespace {

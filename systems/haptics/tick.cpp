@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "engine/base/check.hpp"
-#include "systems/haptics/device_motion.hpp"
-#include "systems/haptics/surface_feel.hpp"
+#include "systems/haptics/contact/device_motion.hpp"
+#include "systems/haptics/contact/surface_feel.hpp"
 namespace trocar {
 namespace {
 

@@ -1,6 +1,6 @@
 #pragma once
 #include "components/haptics.hpp"
-#include "systems/haptics/proxy.hpp"
+#include "systems/haptics/contact/proxy.hpp"
 namespace trocar {
 
 // One tick of one tool at `time` (s): accepts or rejects the device's sample, carries the proxy with the

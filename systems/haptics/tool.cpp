@@ -6,11 +6,11 @@
 
 #include "engine/base/check.hpp"
 #include "engine/devices/simulated_hand.hpp"
-#include "systems/haptics/device_motion.hpp"
+#include "systems/haptics/contact/device_motion.hpp"
+#include "systems/haptics/contact/surface_feel.hpp"
 #include "systems/haptics/effects.hpp"
 #include "systems/haptics/manipulator.hpp"
 #include "systems/haptics/safety.hpp"
-#include "systems/haptics/surface_feel.hpp"
 namespace trocar {
 namespace {
 

@@ -4,7 +4,7 @@
 
 #include "engine/jobs/thread_pool.hpp"
 #include "systems/frame/frame.hpp"
-#include "systems/haptics/device_motion.hpp"
+#include "systems/haptics/contact/device_motion.hpp"
 #include "tests/frame/scenes_under_test.hpp"
 
 // Data that one stage leaves for another is a resource of World: a run whose scratch is discarded between

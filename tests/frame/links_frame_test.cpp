@@ -8,7 +8,7 @@
 #include "engine/base/error.hpp"
 #include "engine/jobs/thread_pool.hpp"
 #include "engine/mesh/mesh_topology.hpp"
-#include "systems/advance/fine_steps.hpp"
+#include "systems/advance/tissue/fine_steps.hpp"
 #include "systems/frame/frame.hpp"
 #include "systems/prepare/tear_bodies.hpp"
 #include "tests/frame/scenes_under_test.hpp"

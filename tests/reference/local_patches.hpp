@@ -1,7 +1,7 @@
 #pragma once
 #include "components/mesh.hpp"
 #include "engine/haptics/local_contact_model.hpp"
-#include "systems/haptics/local_contact_model.hpp"
+#include "systems/haptics/contact/local_contact_model.hpp"
 namespace trocar::reference {
 
 // A model of a whole surface at rest.

@@ -6,7 +6,7 @@
 
 #include "engine/geometry/quaternion.hpp"
 #include "engine/haptics/point_shell.hpp"
-#include "systems/haptics/point_shell_contact.hpp"
+#include "systems/haptics/contact/point_shell_contact.hpp"
 #include "tests/reference/brute_force_distance.hpp"
 #include "tests/reference/local_patches.hpp"
 namespace trocar::reference {

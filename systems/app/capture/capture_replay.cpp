@@ -6,7 +6,7 @@
 #include "content/scene/build_scene.hpp"
 #include "engine/base/error.hpp"
 #include "systems/app/capture/capture_difference.hpp"
-#include "systems/haptics/device_motion.hpp"
+#include "systems/haptics/contact/device_motion.hpp"
 #include "systems/prepare/tear_bodies.hpp"
 namespace trocar {
 namespace {

@@ -14,7 +14,7 @@
 #include "systems/app/console/format.hpp"
 #include "systems/app/console/load_file.hpp"
 #include "systems/app/console/standard_streams.hpp"
-#include "systems/detect/separation.hpp"
+#include "systems/detect/narrow/separation.hpp"
 #include "systems/frame/frame.hpp"
 namespace trocar {
 namespace {

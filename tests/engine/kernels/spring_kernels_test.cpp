@@ -5,7 +5,7 @@
 #include <cstring>
 #include <random>
 
-#include "tests/systems/advance/spring_graph.hpp"
+#include "tests/systems/advance/tissue/spring_graph.hpp"
 namespace trocar {
 namespace {
 

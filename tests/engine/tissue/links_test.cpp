@@ -13,7 +13,7 @@
 #include "systems/prepare/link_bodies.hpp"
 #include "systems/prepare/tear_bodies.hpp"
 #include "tests/reference/measures.hpp"
-#include "tests/systems/advance/spring_graph.hpp"
+#include "tests/systems/advance/tissue/spring_graph.hpp"
 namespace trocar {
 namespace {
 

@@ -9,7 +9,7 @@
 #include "engine/mesh/mass_properties.hpp"
 #include "systems/prepare/rigid_motion.hpp"
 #include "tests/reference/measures.hpp"
-#include "tests/systems/advance/spring_graph.hpp"
+#include "tests/systems/advance/tissue/spring_graph.hpp"
 namespace trocar {
 namespace {
 
@@ -380,7 +380,8 @@ TEST(Advance, StaticPressBalancesReactions) {
     for (int pass = 0; pass < 60; ++pass) {
         s.pass(16, 2);
         impulse.setZero();
-        for (size_t r = 0; r < s.contact_constraints.body.size(); ++r) impulse += (s.contact_constraints.body[r] == 0 ? 1 : -1) * s.contact_constraints.impulse[r];
+        for (size_t r = 0; r < s.contact_constraints.body.size(); ++r)
+            impulse += (s.contact_constraints.body[r] == 0 ? 1 : -1) * s.contact_constraints.impulse[r];
     }
     const reference::DoubleBody b = double_copy(s, 0);
     Vec3d reaction = Vec3d::Zero();

@@ -13,8 +13,8 @@
 #include "engine/mesh/contact_kernels.hpp"
 #include "engine/mesh/mesh_topology.hpp"
 #include "engine/world/add_body.hpp"
-#include "systems/detect/body_boxes.hpp"
-#include "systems/detect/penetration.hpp"
+#include "systems/detect/broad/body_boxes.hpp"
+#include "systems/detect/narrow/penetration.hpp"
 #include "systems/frame/state.hpp"
 namespace trocar::test {
 

@@ -1,0 +1,188 @@
+#include "systems/advance/contact/nncg.hpp"
+
+#include <algorithm>
+#include <numeric>
+#include <utility>
+
+#include "engine/base/disjoint_sets.hpp"
+#include "engine/jobs/parallel.hpp"
+#include "systems/advance/contact/contact_impulses.hpp"
+#include "systems/advance/contact/direct_solve.hpp"
+#include "systems/advance/contact/wide_constraints.hpp"
+#include "systems/advance/island/constants.hpp"
+#include "systems/advance/rigid/driven_bodies.hpp"
+#include "systems/advance/rigid/free_bodies.hpp"
+namespace trocar {
+namespace {
+
+constexpr uint32_t kComponentsPerChunk = 4;
+void sweep_constraint(AdvanceIsland& island, PreparedConstraint& constraint, SweepChange& change) {
+    if (!constraint.turns()) {
+        solve_constraint(island, constraint);
+        return;
+    }
+    auto& t = constraint.angular;
+    t.normal_before = constraint.normal_impulse;
+    t.friction_before = constraint.friction_impulse;
+    change.velocity = std::max(change.velocity, solve_constraint(island, constraint));
+    const double normal = constraint.normal_impulse - t.normal_before;
+    change.squared_impulse += normal * normal + norm2(constraint.friction_impulse - t.friction_before);
+}
+
+// Moves a constraint's impulses along the conjugate direction: the change by the last sweep and `share` of the direction before.
+void nncg_step(double share, AdvanceIsland& island, PreparedConstraint& constraint) {
+    if (!constraint.turns()) return;
+    auto& t = constraint.angular;
+    const Vec4d friction = constraint.friction_impulse - t.friction_before;
+    const double normal = constraint.normal_impulse - t.normal_before, normal_on = share * t.normal_direction;
+    const Vec4d friction_on = share * t.friction_direction;
+    t.normal_direction = normal + normal_on;
+    t.friction_direction = friction + friction_on;
+    if (share == 0) return;
+    constraint.normal_impulse += normal_on;
+    constraint.friction_impulse += friction_on;
+    give_impulse(constraint, normal_on * constraint.normal + friction_on, island);
+}
+
+// Sweeps until the constraints of free bodies have converged; they have been warm started. Projected
+// Gauss-Seidel alone needs thousands of iterations for the slow sway of a tower: between sweeps the impulses
+// move along a conjugate direction (Silcowitz, Niebe, Erleben 2010, "A nonsmooth nonlinear conjugate gradient
+// method for interactive contact force problems"). A sweep is always last. If something bounces, the
+// tolerance stays that of bodies at rest: solved less accurately, a box that falls flat would be set spinning
+// by the corners solved first.
+template <typename Sweep, typename NncgStep>  // Sweep: SweepChange(); NncgStep: void(double share)
+void iterate_to_convergence(const AdvanceCall& call, const ContactSolver& solver, uint32_t most_sweeps, const Sweep& sweep,
+                            const NncgStep& move_on) {
+    double squares_before = 0, converged = kConvergedChange;
+    for (uint32_t iteration = 0; iteration < most_sweeps; ++iteration) {
+        const auto [change, squares] = sweep();
+        if (iteration == 0 && !solver.bounces)
+            converged = std::max({converged, kConvergedShare * change, kHitShare * (change - kLeastBounce)});
+        if ((change < converged && iteration + 1 >= call.params.contact.iterations) || iteration + 1 == most_sweeps) break;
+        const bool grows = iteration == 0 || !(squares < squares_before);  // also without any further change
+        move_on(grows ? 0 : squares / squares_before);
+        squares_before = squares;
+    }
+}
+
+void converge_groups(const AdvanceCall& call, ContactSolver& solver, AdvanceIsland& island) {
+    const auto sweep = [&] {
+        for_each_group(solver, [&](ConstraintGroup& group) {
+            group.change = {};
+            solve_wide_constraints(group, solver, island.nodes);
+            for (const uint32_t i : group.active) sweep_constraint(island, solver.prepared[i], group.change);
+        });
+        SweepChange all{solve_drives(island), 0};
+        for (uint32_t g = 0; g < solver.colour[4]; ++g) {
+            all.velocity = std::max(all.velocity, solver.group[g].change.velocity);
+            all.squared_impulse += solver.group[g].change.squared_impulse;
+        }
+        return all;
+    };
+    iterate_to_convergence(call, solver, kMostSweeps, sweep, [&](double share) {
+        for_each_group(solver, [&](ConstraintGroup& group) {
+            for (const uint32_t i : group.active) nncg_step(share, island, solver.prepared[i]);
+        });
+    });
+}
+
+// Solves one component to convergence. If it is small, its loaded constraints are solved directly before a
+// sweep, as long as the sweep that follows does not raise the potential.
+void converge_component(const AdvanceCall& call, const ContactSolver& solver, ContactComponents& components, AdvanceIsland& island,
+                        std::span<PreparedConstraint* const> constraints, DirectSolve& direct) {
+    // not while something bounces: a direct solution would hold bodies together that are about to separate
+    const bool direct_too = !solver.bounces && prepare_direct(island, components, constraints, direct);
+    uint32_t solutions_left = direct_too ? kMostSolutions : 0, sweeps_since = 0, sweeps_between = 0;
+    bool solved = false, has_direction = true;
+    double before = 0;
+    const auto solve = [&] {
+        solved = false;
+        if (solutions_left == 0 || sweeps_since++ < sweeps_between) return false;
+        before = potential(island, direct, constraints);
+        solved = solve_directly(components, island, constraints, direct);
+        solutions_left = solved ? solutions_left - 1 : 0;
+        if (solutions_left < kMostSolutions - kSolutionsInSequence) sweeps_between = kSweepsBetween;
+        sweeps_since = 0;
+        has_direction = false;
+        return solved;
+    };
+    const auto sweep_once = [&] {
+        SweepChange change;
+        for (PreparedConstraint* constraint : constraints) sweep_constraint(island, *constraint, change);
+        return change;
+    };
+    const auto sweep = [&] {
+        const SweepChange change = sweep_once();
+        if (!solved || potential(island, direct, constraints) <= before) return change;
+        undo_solution(direct, island, constraints);
+        sweeps_between = kSweepsBetween;
+        return sweep_once();
+    };
+    solve();
+    iterate_to_convergence(call, solver, direct_too ? kMostSweepsSolved : kMostSweeps, sweep, [&](double share) {
+        if (solve()) return;
+        for (PreparedConstraint* constraint : constraints) nncg_step(has_direction ? share : 0, island, *constraint);
+        has_direction = true;
+    });
+}
+
+template <typename Visit>  // Visit: void(PreparedConstraint&)
+void visit_active(ContactSolver& solver, const Visit& visit) {
+    for (ConstraintGroup& group : std::span(solver.group).first(solver.colour[4]))
+        for (const uint32_t i : group.active)
+            if (solver.prepared[i].nodes > 0) visit(solver.prepared[i]);
+}
+
+// Sorts the active constraints into components that share no node, such as towers side by side in one island,
+// in stable order. False if all are to be swept together: with wide constraints, with driven bodies, or if
+// there are several groups and one component has more than kMostConstraintsAlone.
+bool find_components(const AdvanceIsland& island, ContactComponents& components, ContactSolver& solver) {
+    const auto has_wide = [](const ConstraintGroup& g) { return !g.active_wide.empty(); };
+    const auto is_driven = [](const AdvanceFree& f) { return f.drive != kNone; };
+    if (std::ranges::any_of(std::span(solver.group).first(solver.colour[4]), has_wide) || std::ranges::any_of(island.free, is_driven))
+        return false;
+    std::vector<uint32_t>& component_of = components.component_of;
+    component_of.resize(island.nodes.node.size());
+    std::iota(component_of.begin(), component_of.end(), 0u);
+    visit_active(solver, [&](const PreparedConstraint& constraint) {
+        for (uint32_t k = 1; k < constraint.nodes; ++k) join_sets(component_of, constraint.node[0], constraint.node[k]);
+    });
+    for (uint32_t n = 0; n < component_of.size(); ++n) component_of[n] = find_set(component_of, n);
+    components.component.assign(component_of.size(), {});
+    visit_active(solver, [&](const PreparedConstraint& constraint) { ++components.component[component_of[constraint.node[0]]].count; });
+    uint32_t first = 0, most = 0;
+    for (Range& range : components.component) {
+        most = std::max(most, range.count);
+        range.first = std::exchange(first, first + range.count);
+        range.count = 0;
+    }
+    if (most > kMostConstraintsAlone && solver.colour[4] > 1) return false;
+    components.sorted_active.resize(first);
+    visit_active(solver, [&](PreparedConstraint& constraint) {
+        Range& range = components.component[component_of[constraint.node[0]]];
+        components.sorted_active[range.first + range.count++] = &constraint;
+    });
+    std::erase_if(components.component, [](const Range& range) { return range.count == 0; });
+    return true;
+}
+
+}  // namespace
+
+void solve_to_convergence(const AdvanceCall& call, ContactComponents& components, ContactSolver& solver, AdvanceIsland& island) {
+    make_room(components.sorted_active, solver.prepared.size());
+    make_room(components.component, island.nodes.node.size());
+    make_room(components.component_of, island.nodes.node.size());
+    if (!find_components(island, components, solver)) return converge_groups(call, solver, island);
+    const uint32_t count = static_cast<uint32_t>(components.component.size());
+    if (const uint32_t chunks = chunk_count(count, kComponentsPerChunk); components.direct.size() < chunks)
+        components.direct.resize(chunks);
+    parallel_for(count, kComponentsPerChunk, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t i = begin; i < end; ++i) {
+            const Range range = components.component[i];
+            converge_component(call, solver, components, island, std::span(components.sorted_active).subspan(range.first, range.count),
+                               components.direct[begin / kComponentsPerChunk]);
+        }
+    });
+}
+
+}  // namespace trocar

@@ -1,0 +1,12 @@
+#pragma once
+#include "systems/advance/island/call.hpp"
+#include "systems/advance/island/scratch.hpp"
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
+namespace trocar {
+
+// Sweeps over the constraints of an island with free bodies until they converge.
+void solve_to_convergence(const AdvanceCall& call, ContactComponents& components, ContactSolver& solver, AdvanceIsland& island);
+
+}  // namespace trocar
+#pragma GCC diagnostic pop

@@ -1,0 +1,39 @@
+#pragma once
+#include "systems/advance/island/call.hpp"
+#include "systems/advance/island/scratch.hpp"
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wpsabi"
+namespace trocar {
+
+// Factor on the substeps of leapfrog bodies for the coming pass of `seconds` with substeps of dt (s):
+//   shells held by their surroundings: 2 if the ends of some spring move relative to each other by more
+//     than a twentieth of its rest length in a step, else 1. Next to the limit leapfrog keeps the energy of
+//     small oscillations, but springs that fold within a few steps gain energy: the step resonates with the
+//     highest modes, in the third and fourth order at sqrt(3)/2 and sqrt(1/2) of the limit (Skeel, Srinivas,
+//     "Nonlinear stability analysis of area-preserving integrators", SIAM J. Numer. Anal. 38(1), 2000). Not
+//     free shells: every fall would need the check.
+//   solids with constraints: 2 if some tetrahedron keeps less than 0.45 of its volume now or in the middle of
+//     the pass, 4 below 0.3. Compressed springs and flat tetrahedra are stiffer than at rest
+//     (solid_limit.hpp): a box of 10 kg on a soft pad of 0.9 kg would gain energy for ever; with finer steps
+//     its energy balances to 0.05 % of the largest elastic energy, and presses by instruments cost none.
+// `scratch`: the island's; uses a byte per body if there are solids, and the nodes of a touched one.
+uint32_t finer_steps(const AdvanceInputs& inputs, const Particles& particles, std::span<const uint32_t> island_bodies,
+                     const ContactConstraints& constraints, std::span<const uint32_t> island_constraints, double dt, double seconds,
+                     AdvanceScratch& scratch);
+
+// Subcycled bodies: solids with crushed tetrahedra and without constraints take several explicit steps per substep.
+// Backward Euler would come to rest in folds that inertia opens; when released, nodes cross a whole cell in a
+// step, which no step limit covers. Springs and volumes have several rest shapes: nodes displaced at random
+// may end in another one.
+
+// Least volume ratio of a body's tetrahedra after so many seconds at the present velocities.
+double least_volume(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, double seconds, TissueScratch& scratch);
+// Whether a body needs subcycling, given its present least volume ratio: below kCrushed, or fast and below
+// it a substep ago or from now; a leapfrog body only if fast.
+bool needs_subcycling(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, double least, TissueScratch& scratch);
+// The substep of a subcycled body, with the link forces at its start. Returns the work of damping, J.
+double step_finely(const AdvanceCall& call, const AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,
+                   AdvanceResult& result);
+
+}  // namespace trocar
+#pragma GCC diagnostic pop
