@@ -51,6 +51,10 @@ template <typename T>
 constexpr bool is_vector = false;
 template <typename T>
 constexpr bool is_vector<std::vector<T>> = true;
+template <typename T>
+constexpr bool is_plain_array = false;
+template <typename T>
+constexpr bool is_plain_array<std::vector<T>> = is_plain_row<T>;
 
 // each_field of a struct whose lists are complete.
 template <typename T, typename Visit>
@@ -74,11 +78,7 @@ void visit_items(Visitor& v, T& entry) {
 struct Hasher {
     StateHash hash;
     template <typename T>
-    void array(const char*, const std::vector<T>& elements) {
-        item(elements);
-    }
-    template <typename T>
-    void value(const char*, const T& v) {
+    void member(const char*, const T& v) {
         item(v);
     }
     void item(const std::string& text) { hash.add_word(text.size()), hash.add_bytes(text.data(), text.size()); }
@@ -103,16 +103,9 @@ struct Hasher {
 // Clears the data of a resource: arrays become empty, numbers get values that are noticed when used.
 struct Stripper {
     template <typename T>
-    void array(const char*, std::vector<T>& elements) {
-        elements.clear();
-        elements.shrink_to_fit();
-    }
-    template <typename T>
-    void value(const char*, T& v) {
-        if constexpr (std::is_floating_point_v<T>)
-            v = std::nan("");
-        else
-            v = T{};
+    void member(const char*, T& v) {
+        v = T{};
+        if constexpr (std::is_floating_point_v<T>) v = std::nan("");
     }
 };
 
@@ -130,20 +123,16 @@ struct Saver {
         a.bytes.assign(bytes, bytes + elements * columns * element_size(type));
     }
     template <typename T>
-    void array(const char* name, const std::vector<T>& elements) {
-        if constexpr (is_plain_row<T>) {
-            constexpr Elements e = elements_of<T>();
-            static_assert(sizeof(T) == e.columns * element_size(e.type));
-            store(name, e.type, elements.size(), e.columns, elements.data());
+    void member(const char* name, const T& v) {
+        if constexpr (is_plain_array<T>) {
+            constexpr Elements e = elements_of<typename T::value_type>();
+            static_assert(sizeof v[0] == e.columns * element_size(e.type));
+            store(name, e.type, v.size(), e.columns, v.data());
         } else {
-            value(name, elements);
+            stream.clear();
+            item(v);
+            store(name, ArrayType::kU8, stream.size(), 1, stream.data());
         }
-    }
-    template <typename T>
-    void value(const char* name, const T& v) {
-        stream.clear();
-        item(v);
-        store(name, ArrayType::kU8, stream.size(), 1, stream.data());
     }
     void bytes(const void* data, size_t size) {
         const std::byte* from = static_cast<const std::byte*>(data);
@@ -171,22 +160,18 @@ struct Loader {
     const char* name = "";
     std::span<const std::byte> stream;
     template <typename T>
-    void array(const char* field, std::vector<T>& elements) {
-        if constexpr (is_plain_row<T>) {
-            constexpr Elements e = elements_of<T>();
+    void member(const char* field, T& v) {
+        if constexpr (is_plain_array<T>) {
+            constexpr Elements e = elements_of<typename T::value_type>();
             const CaptureArray& a = find_array(record, field, e.type, e.columns);
-            elements.resize(a.rows);
-            if (a.rows > 0) std::memcpy(static_cast<void*>(elements.data()), a.bytes.data(), a.bytes.size());
+            v.resize(a.rows);
+            if (a.rows > 0) std::memcpy(static_cast<void*>(v.data()), a.bytes.data(), a.bytes.size());
         } else {
-            value(field, elements);
+            name = field;
+            stream = find_array(record, field, ArrayType::kU8, 1).bytes;
+            item(v);
+            if (!stream.empty()) refuse();
         }
-    }
-    template <typename T>
-    void value(const char* field, T& v) {
-        name = field;
-        stream = find_array(record, field, ArrayType::kU8, 1).bytes;
-        item(v);
-        if (!stream.empty()) refuse();
     }
     [[noreturn]] void refuse() const {
         throw InputError("record " + record.kind + ": array " + name + " is not what this program stores there");
@@ -242,13 +227,13 @@ template <typename Visitor, typename T>
 void visit_member(Visitor& v, const FieldPath& path, T& member) {
     using Member = std::remove_const_t<T>;
     if constexpr (is_vector<Member>) {
-        v.array(path.text.data(), member);
+        v.member(path.text.data(), member);
     } else if constexpr (is_list<Member>) {
         for (size_t k = 0; k < member.size(); ++k) visit_member(v, path.with("[", std::to_string(k), "]"), member[k]);
     } else if constexpr (std::is_same_v<Member, Vec3d>) {
         for (int k = 0; k < 3; ++k) visit_member(v, path.with("[", std::to_string(k), "]"), member[k]);
     } else if constexpr (is_plain_row<Member>) {
-        v.value(path.text.data(), member);
+        v.member(path.text.data(), member);
     } else {
         visit_group(v, path, member);
     }
@@ -271,13 +256,13 @@ void visit_part(Visitor& v, Resource resource, const FieldPath& path, T& part) {
             if ((at++ < Haptics::kConstantFields) == (resource == Resource::kTools)) visit_member(v, path.with(".", field.name), member);
         });
     } else if constexpr (std::is_same_v<Part, Report>) {
-        each_number(part, kStored, [&](const ReportNumber& n, auto& value) { v.value(path.with(".", n.name).text.data(), value); });
+        each_number(part, kStored, [&](const ReportNumber& n, auto& value) { v.member(path.with(".", n.name).text.data(), value); });
     } else {
         visit_member(v, path, part);
     }
     if constexpr (std::is_same_v<Part, Clock>) {
         double unused = 1e-3;  // part of the format and of every hash
-        v.value("clock.substep", unused);
+        v.member("clock.substep", unused);
     }
 }
 
