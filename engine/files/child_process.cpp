@@ -18,6 +18,7 @@
 #include <sstream>
 
 #include "engine/base/error.hpp"
+#include "engine/base/format.hpp"
 #include "engine/files/text_file.hpp"
 namespace trocar {
 namespace {
@@ -191,12 +192,6 @@ ChildEnd collect(pid_t pid, const ChildLimits& limits, Pipe& output, Pipe& error
     }
 }
 
-std::string seconds_text(double seconds) {
-    char text[32];
-    std::snprintf(text, sizeof text, "%g s", seconds);
-    return text;
-}
-
 }  // namespace
 
 ChildResult run_child(const std::vector<std::string>& arguments, const ChildLimits& limits, std::string_view input) {
@@ -251,9 +246,9 @@ std::string describe_child_end(const ChildResult& result, const ChildLimits& lim
         case ChildEnd::kSignal:
             return std::string("crashed (") + ::strsignal(result.signal) + ")" + (line.empty() ? "" : ": " + line);
         case ChildEnd::kCpuLimit:
-            return "was stopped after " + seconds_text(std::ceil(limits.cpu_seconds)) + " of processor time";
+            return "was stopped after " + format("%g s", std::ceil(limits.cpu_seconds)) + " of processor time";
         case ChildEnd::kWallLimit:
-            return "was stopped after " + seconds_text(limits.wall_seconds);
+            return "was stopped after " + format("%g s", limits.wall_seconds);
         case ChildEnd::kOutputLimit:
             return "was stopped after an answer of " + describe_bytes(limits.output_bytes);
         case ChildEnd::kStopped:

@@ -1,16 +1,18 @@
 #include "engine/files/text_file.hpp"
 
 #include <fcntl.h>
+#include <libdeflate.h>
 #include <sys/stat.h>
 #include <unistd.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
+#include <memory>
 
 #include "engine/base/error.hpp"
+#include "engine/base/format.hpp"
 namespace trocar {
 namespace {
 
@@ -33,43 +35,21 @@ bool is_gzip(std::string_view bytes) {
     return bytes.size() >= 2 && static_cast<uint8_t>(bytes[0]) == 0x1f && static_cast<uint8_t>(bytes[1]) == 0x8b;
 }
 
-// inflate state, ended by the destructor.
-struct Inflater {
-    z_stream stream{};
-    bool ready = false;
-    ~Inflater() {
-        if (ready) inflateEnd(&stream);
-    }
-};
-
+// Unpacks one member after another.
 std::string unpack(const std::filesystem::path& path, std::string_view packed, uint64_t limit) {
-    Inflater inflater;
-    z_stream& stream = inflater.stream;
-    if (inflateInit2(&stream, 15 + 16) != Z_OK) fail_to_read(path, "cannot start unpacking gzip");
-    inflater.ready = true;
-    std::string text;
+    const std::unique_ptr<libdeflate_decompressor, decltype(&libdeflate_free_decompressor)> reader(libdeflate_alloc_decompressor(),
+                                                                                                   libdeflate_free_decompressor);
+    std::string text(std::min<uint64_t>(limit + 1, 4 * packed.size() + kChunk), '\0');
     size_t used = 0, written = 0;
-    while (true) {
-        // zlib counts in 32 bits, so both buffers are passed in pieces
-        const size_t compliance = std::min(packed.size() - used, size_t{1} << 30);
-        stream.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(packed.data() + used));
-        stream.avail_in = static_cast<uInt>(compliance);
-        if (text.size() - written < kChunk) text.resize(std::max(written + kChunk, written + written / 2));
-        const size_t room = std::min(text.size() - written, size_t{1} << 30);
-        stream.next_out = reinterpret_cast<Bytef*>(text.data() + written);
-        stream.avail_out = static_cast<uInt>(room);
-        const int status = inflate(&stream, Z_NO_FLUSH);
-        used += compliance - stream.avail_in;
-        written += room - stream.avail_out;
-        if (written > limit) fail_to_read(path, "unpacks to more than " + describe_bytes(limit));
-        if (status == Z_STREAM_END) {
-            if (!is_gzip(packed.substr(used))) break;
-            if (inflateReset(&stream) != Z_OK) fail_to_read(path, "cannot unpack gzip");
-        } else if (status == Z_BUF_ERROR || (status == Z_OK && used == packed.size() && stream.avail_out > 0)) {
-            fail_to_read(path, "gzip data is cut short after " + describe_bytes(written) + " of text");
-        } else if (status != Z_OK) {
-            fail_to_read(path, std::string("damaged gzip data: ") + (stream.msg ? stream.msg : "unknown fault"));
-        }
+    while (is_gzip(packed.substr(used))) {
+        size_t got = 0, made = 0;
+        const libdeflate_result result = libdeflate_gzip_decompress_ex(reader.get(), packed.data() + used, packed.size() - used,
+                                                                       text.data() + written, text.size() - written, &got, &made);
+        const bool full = result == LIBDEFLATE_INSUFFICIENT_SPACE;
+        if (!full && result != LIBDEFLATE_SUCCESS) fail_to_read(path, "damaged gzip data, or cut short");
+        used += got, written += made;
+        if (written > limit || (full && text.size() > limit)) fail_to_read(path, "unpacks to more than " + describe_bytes(limit));
+        if (full) text.resize(std::min<uint64_t>(limit + 1, 2 * text.size()));
     }
     text.resize(written);
     return text;
@@ -102,24 +82,19 @@ std::string one_line(std::string_view text) {
             at += length;
             continue;
         }
-        char escape[8];
-        std::snprintf(escape, sizeof escape, "\\x%02x", static_cast<unsigned char>(text[at]));
-        line += text[at] == '\n' ? "\\n" : text[at] == '\r' ? "\\r" : text[at] == '\t' ? "\\t" : escape;
+        line += text[at] == '\n'   ? "\\n"
+                : text[at] == '\r' ? "\\r"
+                : text[at] == '\t' ? "\\t"
+                                   : format("\\x%02x", static_cast<unsigned char>(text[at]));
         ++at;
     }
     return line;
 }
 
 std::string describe_bytes(uint64_t bytes) {
-    char text[32];
-    if (bytes < 10000) {
-        std::snprintf(text, sizeof text, "%u bytes", static_cast<unsigned>(bytes));
-    } else if (bytes < uint64_t{1} << 30) {
-        std::snprintf(text, sizeof text, "%.1f MiB", static_cast<double>(bytes) / (1 << 20));
-    } else {
-        std::snprintf(text, sizeof text, "%.1f GiB", static_cast<double>(bytes) / (1 << 30));
-    }
-    return text;
+    if (bytes < 10000) return std::to_string(bytes) + " bytes";
+    const bool large = bytes >= uint64_t{1} << 30;
+    return format(large ? "%.1f GiB" : "%.1f MiB", static_cast<double>(bytes) / (large ? 1 << 30 : 1 << 20));
 }
 
 std::string read_file_bytes(const std::filesystem::path& path, uint64_t limit) {

@@ -1,8 +1,9 @@
 #include "engine/jobs/trace.hpp"
 
-#include <cstdio>
 #include <ctime>
 #include <utility>
+
+#include "engine/base/format.hpp"
 namespace trocar {
 
 uint64_t now_ns() {
@@ -43,10 +44,8 @@ std::string Trace::to_json(const std::vector<std::string>& thread_names) const {
         out += std::exchange(separator, ",\n");
         out += "{\"name\":";
         append_string(e.name, out);
-        char rest[128];
-        std::snprintf(rest, sizeof rest, ",\"ph\":\"X\",\"pid\":1,\"tid\":%u,\"ts\":%.3f,\"dur\":%.3f}", e.thread,
+        out += format(",\"ph\":\"X\",\"pid\":1,\"tid\":%u,\"ts\":%.3f,\"dur\":%.3f}", e.thread,
                       static_cast<double>(e.begin_ns - first) * 1e-3, static_cast<double>(e.duration_ns) * 1e-3);
-        out += rest;
     }
     out += "\n]}\n";
     return out;
