@@ -39,7 +39,6 @@ DeviceState read_scripted(const Device& device, double time) {
 }
 
 DeviceState read_recorded(const Device& device, double time) {
-    TROCAR_ASSERT(!device.trace.empty());
     const auto after =
         std::upper_bound(device.trace.begin(), device.trace.end(), time, [](double t, const DeviceState& s) { return t < s.time; });
     return after == device.trace.begin() ? device.trace.front() : *(after - 1);
@@ -111,7 +110,6 @@ void append_number(std::string& text, double value) {
 Device device_of(const Haptics& haptics, const Paths& paths, const HandTool& tool) {
     Device device;
     if (tool.trace != kNone) {
-        device.kind = DeviceKind::kTrace;
         device.trace = haptics.trace[tool.trace].sample;
     } else {
         const Range keys = paths.keys[tool.path];
@@ -126,13 +124,7 @@ std::span<const HapticEffect> effects_of(const Haptics& haptics, const HandTool&
 }
 
 DeviceState read_device(const Device& device, double time) {
-    switch (device.kind) {
-        case DeviceKind::kScripted:
-            return read_scripted(device, time);
-        case DeviceKind::kTrace:
-            return read_recorded(device, time);
-    }
-    return {};
+    return device.trace.empty() ? read_scripted(device, time) : read_recorded(device, time);
 }
 
 DeviceTrace read_device_trace(const std::filesystem::path& path) {

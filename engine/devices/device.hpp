@@ -10,23 +10,17 @@
 #include "components/tool.hpp"
 namespace trocar {
 
-enum class DeviceKind : uint8_t {
-    kScripted,  // follows keys
-    kTrace,     // plays a recording
-};
-
 // Tremor of a hand: each axis oscillates with `amplitude` at its own frequency near `frequency`. 0 = off.
 struct Tremor {
     double amplitude = 0;  // m
     double frequency = 9;  // Hz
 };
 
-// Source of hand states. Views data that outlive it; new kinds get a case in read_device.
+// Source of hand states: a recording, or without one a script. Views data that outlive it.
 struct Device {
-    DeviceKind kind = DeviceKind::kScripted;
-    std::span<const Keyframe> path;      // kScripted
-    Tremor tremor;                       // kScripted
-    std::span<const DeviceState> trace;  // kTrace, not empty
+    std::span<const Keyframe> path;
+    Tremor tremor;
+    std::span<const DeviceState> trace;
 };
 
 // The device of a tool: its trace if it has one, else its path.

@@ -83,31 +83,10 @@ NetworkAddress parse_address(const std::string& specification, const std::string
 }  // namespace
 
 const char* describe(DeviceCount count) {
-    switch (count) {
-        case DeviceCount::kReceived:
-            return "received";
-        case DeviceCount::kAccepted:
-            return "accepted";
-        case DeviceCount::kMalformed:
-            return "malformed";
-        case DeviceCount::kOversized:
-            return "oversized";
-        case DeviceCount::kOutOfOrder:
-            return "out_of_order";
-        case DeviceCount::kStranger:
-            return "stranger";
-        case DeviceCount::kLost:
-            return "lost";
-        case DeviceCount::kOverrun:
-            return "overrun";
-        case DeviceCount::kSent:
-            return "sent";
-        case DeviceCount::kReconnected:
-            return "reconnected";
-        case DeviceCount::kCount:
-            break;
-    }
-    return "";
+    constexpr const char* kNames[] = {"received", "accepted", "malformed", "oversized", "out_of_order",
+                                      "stranger", "lost",     "overrun",   "sent",      "reconnected"};
+    static_assert(std::size(kNames) == static_cast<size_t>(DeviceCount::kCount));
+    return kNames[static_cast<size_t>(count)];
 }
 
 DeviceLink::DeviceLink(const std::string& name, Loop loop) : channel_(std::make_shared<DeviceChannel>(one_line(name))) {

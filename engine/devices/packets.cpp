@@ -77,24 +77,6 @@ bool is_sound(const Vec3d& v) { return is_sound(v.x()) && is_sound(v.y()) && is_
 
 }  // namespace
 
-const char* describe(PacketFault fault) {
-    switch (fault) {
-        case PacketFault::kNone:
-            return "sound";
-        case PacketFault::kShort:
-            return "cut short";
-        case PacketFault::kLong:
-            return "too long";
-        case PacketFault::kForeign:
-            return "not a packet of this protocol";
-        case PacketFault::kVersion:
-            return "of another version";
-        case PacketFault::kValue:
-            return "a value is not finite or out of range";
-    }
-    return "";
-}
-
 bool is_sound(DeviceState& state) {
     const Quat& q = state.orientation;
     const double length2 = q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z;

@@ -32,7 +32,6 @@ enum class PacketFault : uint8_t {
     kVersion,
     kValue,  // not finite, out of range, or not a unit quaternion
 };
-const char* describe(PacketFault fault);
 
 std::array<std::byte, kStatePacketSize> encode_packet(const StatePacket& packet);
 std::array<std::byte, kForcePacketSize> encode_packet(const ForcePacket& packet);

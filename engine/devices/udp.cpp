@@ -62,9 +62,8 @@ struct Talk {
     int64_t commanded = 0;  // ns, time of the last command from the tick
     bool released = true;   // a zero command was sent since
 
-    bool from_peer(const sockaddr_in& from, int64_t now) const {
-        const bool same = from.sin_addr.s_addr == peer.sin_addr.s_addr && from.sin_port == peer.sin_port;
-        return !has_peer || same || now - peer_heard > kPeerSilence;
+    bool is_peer(const sockaddr_in& from) const {
+        return has_peer && from.sin_addr.s_addr == peer.sin_addr.s_addr && from.sin_port == peer.sin_port;
     }
 
     void count_overrun(msghdr& header) {
@@ -84,9 +83,9 @@ struct Talk {
         const PacketFault fault = decode_packet(bytes, packet);
         if (fault == PacketFault::kLong) return link.count(DeviceCount::kOversized);
         if (fault != PacketFault::kNone) return link.count(DeviceCount::kMalformed);
-        if (!from_peer(from, now)) return link.count(DeviceCount::kStranger);
-        const bool same = has_peer && from.sin_port == peer.sin_port && from.sin_addr.s_addr == peer.sin_addr.s_addr;
-        if (has_peer && !same) gate = {}, link.count(DeviceCount::kReconnected);
+        const bool changes = has_peer && !is_peer(from);
+        if (changes && now - peer_heard <= kPeerSilence) return link.count(DeviceCount::kStranger);
+        if (changes) gate = {}, link.count(DeviceCount::kReconnected);
         uint64_t lost = 0;
         if (gate.pass(packet.sequence, now, lost) == SequenceGate::Verdict::kStale) return link.count(DeviceCount::kOutOfOrder);
         link.count(DeviceCount::kLost, lost);

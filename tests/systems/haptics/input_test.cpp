@@ -10,7 +10,6 @@ TEST(DeviceInput, EveryDeviceEveryMillisecond) {
     const std::vector<DeviceState> b(1);
     std::vector<Device> devices(2);
     devices[0].path = a;
-    devices[1].kind = DeviceKind::kTrace;
     devices[1].trace = b;
     std::vector<DeviceState> sample;
     read_devices(devices, 50'000, 17, sample);
