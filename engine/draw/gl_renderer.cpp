@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <span>
 
 #include "engine/base/check.hpp"
@@ -11,6 +10,7 @@
 #include "engine/draw/gl_shaders.hpp"
 #include "engine/draw/offscreen.hpp"
 #include "engine/draw/render_mesh.hpp"
+#include "engine/files/image_file.hpp"
 #include "engine/geometry/quaternion.hpp"
 
 namespace trocar {
@@ -47,27 +47,16 @@ uint32_t variant_of(bool textured, bool depth_colours, bool scope) {
     return (textured ? kTextured : 0) | (depth_colours ? kDepthColours : 0) | (scope ? kScope : 0);
 }
 
-struct SurfaceProgram {
+// A linked program; its uniforms by their names in gl_shaders.hpp.
+struct Program {
     GLuint name = 0;
-    GLint clip_from_body, normal_from_body, size;
-    GLint diffuse, specular, shine, opacity, inv_depth_scale, light_distance;
-    GLint key, fill, sky, forward, ray_corner, ray_x, ray_y, image, palette;
+    GLint at(const char* uniform) const { return glGetUniformLocation(name, uniform); }
 };
 
 // Program and material last set: most bodies of a crowd share both.
 struct Bound {
     uint32_t variant = kVariants;
     const Material* material = nullptr;
-};
-
-struct WireProgram {
-    GLuint name = 0;
-    GLint clip_from_body, depth_bias, plain, size;
-};
-
-struct GroundProgram {
-    GLuint name = 0;
-    GLint view_projection, centre, axis_x, axis_y, rectangle, radius;
 };
 
 struct Target {
@@ -119,7 +108,7 @@ GLuint compile(GLenum kind, uint32_t variant, const char* text) {
     return shader;
 }
 
-GLuint link(uint32_t variant, const char* vertex_text, const char* fragment_text) {
+Program link(uint32_t variant, const char* vertex_text, const char* fragment_text) {
     const GLuint program = glCreateProgram();
     const GLuint vertex = compile(GL_VERTEX_SHADER, variant, vertex_text);
     const GLuint fragment = compile(GL_FRAGMENT_SHADER, variant, fragment_text);
@@ -131,56 +120,7 @@ GLuint link(uint32_t variant, const char* vertex_text, const char* fragment_text
     TROCAR_ASSERT(linked);
     glDeleteShader(vertex);
     glDeleteShader(fragment);
-    return program;
-}
-
-SurfaceProgram make_surface_program(uint32_t variant) {
-    SurfaceProgram p;
-    p.name = link(variant, shaders::kSurfaceVertex, shaders::kSurfaceFragment);
-    const auto at = [&p](const char* name) { return glGetUniformLocation(p.name, name); };
-    p.clip_from_body = at("clip_from_body");
-    p.normal_from_body = at("normal_from_body");
-    p.size = at("size");
-    p.diffuse = at("diffuse");
-    p.specular = at("specular");
-    p.shine = at("shine");
-    p.opacity = at("opacity");
-    p.inv_depth_scale = at("inv_depth_scale");
-    p.light_distance = at("light_distance");
-    p.key = at("key");
-    p.fill = at("fill");
-    p.sky = at("sky");
-    p.forward = at("forward");
-    p.ray_corner = at("ray_corner");
-    p.ray_x = at("ray_x");
-    p.ray_y = at("ray_y");
-    p.image = at("image");
-    p.palette = at("palette");
-    return p;
-}
-
-WireProgram make_wire_program(uint32_t variant) {
-    WireProgram p;
-    p.name = link(variant, shaders::kWireVertex, shaders::kPlainFragment);
-    const auto at = [&p](const char* name) { return glGetUniformLocation(p.name, name); };
-    p.clip_from_body = at("clip_from_body");
-    p.depth_bias = at("pull");
-    p.plain = at("plain");
-    p.size = at("size");
-    return p;
-}
-
-GroundProgram make_ground_program(const char* fragment) {
-    GroundProgram p;
-    p.name = link(0, shaders::kGroundVertex, fragment);
-    const auto at = [&p](const char* name) { return glGetUniformLocation(p.name, name); };
-    p.view_projection = at("view_projection");
-    p.centre = at("centre");
-    p.axis_x = at("axis_x");
-    p.axis_y = at("axis_y");
-    p.rectangle = at("rectangle");
-    p.radius = at("radius");
-    return p;
+    return {program};
 }
 
 // Holds at least `bytes`; contents are lost when it grows.
@@ -318,31 +258,11 @@ std::array<float, 9> normal_matrix(const Matrix4& pose) {
     return out;
 }
 
-// Halves an image that is larger than `limit` until it fits (box filter on encoded values: only a fallback).
-Image fit_image(const Image& image, uint32_t limit) {
-    Image out = image;
-    while (out.width > limit || out.height > limit) {
-        Image half{std::max(1u, out.width / 2), std::max(1u, out.height / 2), {}};
-        half.rgba.resize(size_t{4} * half.width * half.height);
-        for (uint32_t y = 0; y < half.height; ++y)
-            for (uint32_t x = 0; x < half.width; ++x)
-                for (uint32_t c = 0; c < 4; ++c) {
-                    const auto at = [&](uint32_t dx, uint32_t dy) {
-                        const size_t px = std::min(2 * x + dx, out.width - 1), py = std::min(2 * y + dy, out.height - 1);
-                        return uint32_t{out.rgba[4 * (py * out.width + px) + c]};
-                    };
-                    half.rgba[4 * (size_t{y} * half.width + x) + c] =
-                        static_cast<uint8_t>((at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1) + 2) / 4);
-                }
-        out = std::move(half);
-    }
-    return out;
-}
-
 GLuint make_texture(const Image& image) {
     GLint limit = 0;
     glGetIntegerv(GL_MAX_TEXTURE_SIZE, &limit);
-    const Image fitted = fit_image(image, static_cast<uint32_t>(limit));
+    Image fitted = image;
+    while (std::max(fitted.width, fitted.height) > static_cast<uint32_t>(limit)) fitted = halved(fitted);
     GLuint name = 0;
     glGenTextures(1, &name);
     glBindTexture(GL_TEXTURE_2D, name);
@@ -381,10 +301,9 @@ struct GlRenderer::Impl {
     const Meshes& meshes;
     const Material plain;  // of triangles whose material is missing
     OffscreenContext context;
-    std::array<SurfaceProgram, kVariants> surface_programs;  // made at first use
-    std::array<WireProgram, 2> wire_programs;                // by laparoscope
-    std::array<GLuint, 2> background_programs{};             // by laparoscope
-    GroundProgram floor_program, shadow_program;
+    std::array<Program, kVariants> surface_programs;            // made at first use
+    std::array<Program, 2> wire_programs, background_programs;  // by laparoscope
+    Program floor_program, shadow_program;
     Target target;
     BackdropKey backdrop;
     MarkerBuffers marker;
@@ -394,7 +313,6 @@ struct GlRenderer::Impl {
     std::vector<uint8_t> see_through;                      // by material
     std::vector<std::pair<double, uint32_t>> far_to_near;  // transparent bodies: minus their distance, index
     std::vector<BodyBuffers> body;                         // by index of the snapshot
-    std::vector<uint8_t> row_copy;                         // one row of pixels
 
     explicit Impl(const Meshes& m) : meshes(m) {
         for (const Material& material : m.material) see_through.push_back(is_see_through(material));
@@ -407,13 +325,13 @@ struct GlRenderer::Impl {
     void upload_shape(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires);
     void upload_patched(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires);
     void upload_depths(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from);
-    const SurfaceProgram& use_surface_program(uint32_t variant, const PictureParams& params, const View& view);
-    void set_pose(const SurfaceProgram& p, const View& view, const Matrix4& pose);
-    void set_material(const SurfaceProgram& p, const Material& material, GLuint image);
+    const Program& use_surface_program(uint32_t variant, const PictureParams& params, const View& view);
+    void set_pose(const Program& p, const View& view, const Matrix4& pose);
+    void set_material(const Program& p, const Material& material, GLuint image);
     Matrix4 body_pose(const View& view, const PictureBody& from, uint32_t row);
     void draw_body(const PictureParams& params, const View& view, const PictureBody& from, uint32_t row, bool opaque, Bound& bound);
     void draw_backdrop(const PictureParams& params, const View& view, const Ground& ground);
-    void use_ground_program(const GroundProgram& p, const View& view, const Ground& ground);
+    void use_ground_program(const Program& p, const View& view, const Ground& ground);
     void draw_shadows(const View& view, const Ground& ground);
     bool shows_through(uint32_t mesh) const;
     void draw_surfaces(const PictureParams& params, const View& view, const PictureSnapshot& snapshot);
@@ -587,56 +505,56 @@ Matrix4 GlRenderer::Impl::body_pose(const View& view, const PictureBody& from, u
     return pose_matrix(rotate(q, Vec3d::UnitX()), rotate(q, Vec3d::UnitY()), rotate(q, Vec3d::UnitZ()), origin);
 }
 
-void GlRenderer::Impl::set_pose(const SurfaceProgram& p, const View& view, const Matrix4& pose) {
-    glUniformMatrix4fv(p.clip_from_body, 1, GL_FALSE, multiply(view.view_projection, pose).data());
-    glUniformMatrix3fv(p.normal_from_body, 1, GL_FALSE, normal_matrix(pose).data());
+void GlRenderer::Impl::set_pose(const Program& p, const View& view, const Matrix4& pose) {
+    glUniformMatrix4fv(p.at("clip_from_body"), 1, GL_FALSE, multiply(view.view_projection, pose).data());
+    glUniformMatrix3fv(p.at("normal_from_body"), 1, GL_FALSE, normal_matrix(pose).data());
 }
 
-void GlRenderer::Impl::set_material(const SurfaceProgram& p, const Material& material, GLuint image) {
+void GlRenderer::Impl::set_material(const Program& p, const Material& material, GLuint image) {
     // tissue and steel are never completely dull: a minimum highlight keeps shapes readable
     const auto wet = [](float s) { return std::clamp(s, 0.06f, 1.0f); };
-    glUniform3f(p.diffuse, material.diffuse[0], material.diffuse[1], material.diffuse[2]);
-    glUniform3f(p.specular, wet(material.specular[0]), wet(material.specular[1]), wet(material.specular[2]));
-    glUniform1f(p.shine, 16.0f + 176.0f * std::clamp(material.shininess, 0.0f, 1.0f));
-    glUniform1f(p.opacity, 1.0f - std::clamp(material.transparency, 0.0f, 1.0f));
+    glUniform3f(p.at("diffuse"), material.diffuse[0], material.diffuse[1], material.diffuse[2]);
+    glUniform3f(p.at("specular"), wet(material.specular[0]), wet(material.specular[1]), wet(material.specular[2]));
+    glUniform1f(p.at("shine"), 16.0f + 176.0f * std::clamp(material.shininess, 0.0f, 1.0f));
+    glUniform1f(p.at("opacity"), 1.0f - std::clamp(material.transparency, 0.0f, 1.0f));
     if (image) glBindTexture(GL_TEXTURE_2D, image);
 }
 
-const SurfaceProgram& GlRenderer::Impl::use_surface_program(uint32_t variant, const PictureParams& params, const View& view) {
-    SurfaceProgram& p = surface_programs[variant];
-    if (!p.name) p = make_surface_program(variant);
+const Program& GlRenderer::Impl::use_surface_program(uint32_t variant, const PictureParams& params, const View& view) {
+    Program& p = surface_programs[variant];
+    if (!p.name) p = link(variant, shaders::kSurfaceVertex, shaders::kSurfaceFragment);
     const auto basis = [&](float x, float y, float z) {
         const Vec3 v = x * Vec3(view.right.data()) + y * Vec3(view.up.data()) + z * Vec3(view.forward.data());
         return Vec3(v.normalized());
     };
     const Vec3 key = basis(-0.45f, 0.80f, -0.65f), fill = basis(0.85f, 0.10f, -0.35f);
     glUseProgram(p.name);
-    glUniform2f(p.size, static_cast<float>(params.width), static_cast<float>(params.height));
-    glUniform3fv(p.key, 1, key.data());
-    glUniform3fv(p.fill, 1, fill.data());
-    glUniform3fv(p.sky, 1, view.sky.data());
-    glUniform3fv(p.forward, 1, view.forward.data());
+    glUniform2f(p.at("size"), static_cast<float>(params.width), static_cast<float>(params.height));
+    glUniform3fv(p.at("key"), 1, key.data());
+    glUniform3fv(p.at("fill"), 1, fill.data());
+    glUniform3fv(p.at("sky"), 1, view.sky.data());
+    glUniform3fv(p.at("forward"), 1, view.forward.data());
     const Vec3 half_x = view.tan_x * Vec3(view.right.data()), half_y = view.tan_y * Vec3(view.up.data());
     const Vec3 corner = Vec3(view.forward.data()) - half_x - half_y;
     const Vec3 step_x = half_x * (2.0f / static_cast<float>(params.width));
     const Vec3 step_y = half_y * (2.0f / static_cast<float>(params.height));
-    glUniform3fv(p.ray_corner, 1, corner.data());
-    glUniform3fv(p.ray_x, 1, step_x.data());
-    glUniform3fv(p.ray_y, 1, step_y.data());
-    glUniform1f(p.light_distance, view.light_distance);
-    glUniform1f(p.inv_depth_scale, static_cast<float>(1.0 / std::max(params.depth_scale, 1e-12)));
-    glUniform1i(p.image, 0);
-    glUniform1i(p.palette, 1);
+    glUniform3fv(p.at("ray_corner"), 1, corner.data());
+    glUniform3fv(p.at("ray_x"), 1, step_x.data());
+    glUniform3fv(p.at("ray_y"), 1, step_y.data());
+    glUniform1f(p.at("light_distance"), view.light_distance);
+    glUniform1f(p.at("inv_depth_scale"), static_cast<float>(1.0 / std::max(params.depth_scale, 1e-12)));
+    glUniform1i(p.at("image"), 0);
+    glUniform1i(p.at("palette"), 1);
     return p;
 }
 
-void GlRenderer::Impl::use_ground_program(const GroundProgram& p, const View& view, const Ground& ground) {
+void GlRenderer::Impl::use_ground_program(const Program& p, const View& view, const Ground& ground) {
     glUseProgram(p.name);
-    glUniformMatrix4fv(p.view_projection, 1, GL_FALSE, view.view_projection.data());
-    glUniform3fv(p.centre, 1, to_floats(ground.centre - view.eye).data());
-    glUniform3fv(p.axis_x, 1, to_floats(ground.axis_x).data());
-    glUniform3fv(p.axis_y, 1, to_floats(ground.axis_y).data());
-    glUniform1f(p.radius, static_cast<float>(ground.radius));
+    glUniformMatrix4fv(p.at("view_projection"), 1, GL_FALSE, view.view_projection.data());
+    glUniform3fv(p.at("centre"), 1, to_floats(ground.centre - view.eye).data());
+    glUniform3fv(p.at("axis_x"), 1, to_floats(ground.axis_x).data());
+    glUniform3fv(p.at("axis_y"), 1, to_floats(ground.axis_y).data());
+    glUniform1f(p.at("radius"), static_cast<float>(ground.radius));
 }
 
 // Background and floor cost more than the organs in front of them, so they are kept until camera or floor
@@ -654,15 +572,15 @@ void GlRenderer::Impl::draw_backdrop(const PictureParams& params, const View& vi
         backdrop = key;
         glBindFramebuffer(GL_FRAMEBUFFER, target.backdrop_frame);
         glBindVertexArray(empty_array);
-        GLuint& program = background_programs[view.light_at_eye];
-        if (!program) program = link(variant_of(false, false, view.light_at_eye), shaders::kCoverVertex, shaders::kBackgroundFragment);
-        glUseProgram(program);
-        glUniform2f(glGetUniformLocation(program, "size"), static_cast<float>(params.width), static_cast<float>(params.height));
+        Program& p = background_programs[view.light_at_eye];
+        if (!p.name) p = link(variant_of(false, false, view.light_at_eye), shaders::kCoverVertex, shaders::kBackgroundFragment);
+        glUseProgram(p.name);
+        glUniform2f(p.at("size"), static_cast<float>(params.width), static_cast<float>(params.height));
         glDrawArrays(GL_TRIANGLES, 0, 3);
         if (ground.on) {
             const float radius = static_cast<float>(ground.radius);
             use_ground_program(floor_program, view, ground);
-            glUniform4f(floor_program.rectangle, 0, 0, radius, radius);
+            glUniform4f(floor_program.at("rectangle"), 0, 0, radius, radius);
             glEnable(GL_BLEND);
             glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
             glDisable(GL_BLEND);
@@ -682,10 +600,10 @@ void GlRenderer::Impl::draw_shadows(const View& view, const Ground& ground) {
     glActiveTexture(GL_TEXTURE0);
     glBindTexture(GL_TEXTURE_2D, shade_texture);
     glTexImage2D(GL_TEXTURE_2D, 0, GL_R32F, columns, rows, 0, GL_RED, GL_FLOAT, shade.darkness.data());
-    const GroundProgram& p = shadow_program;
+    const Program& p = shadow_program;
     use_ground_program(p, view, ground);
     const float half_x = 0.5f * shade.cell * static_cast<float>(columns), half_y = 0.5f * shade.cell * static_cast<float>(rows);
-    glUniform4f(p.rectangle, shade.x + half_x, shade.y + half_y, half_x, half_y);
+    glUniform4f(p.at("rectangle"), shade.x + half_x, shade.y + half_y, half_x, half_y);
     glBindVertexArray(empty_array);
     glEnable(GL_BLEND);
     glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
@@ -708,7 +626,7 @@ void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, 
             bound = {variant, nullptr};
             use_surface_program(variant, params, view);
         }
-        const SurfaceProgram& p = surface_programs[variant];
+        const Program& p = surface_programs[variant];
         if (bound.material != &material) {
             bound.material = &material;
             set_material(p, material, image);
@@ -773,11 +691,11 @@ void GlRenderer::Impl::draw_see_through(const PictureParams& params, const View&
 }
 
 void GlRenderer::Impl::draw_wires(const PictureParams& params, const View& view, const PictureSnapshot& snapshot) {
-    WireProgram& p = wire_programs[view.light_at_eye];
-    if (!p.name) p = make_wire_program(variant_of(false, false, view.light_at_eye));
+    Program& p = wire_programs[view.light_at_eye];
+    if (!p.name) p = link(variant_of(false, false, view.light_at_eye), shaders::kWireVertex, shaders::kPlainFragment);
     glUseProgram(p.name);
-    glUniform2f(p.size, static_cast<float>(params.width), static_cast<float>(params.height));
-    glUniform1f(p.depth_bias, view.view_projection[14] * (1.0f / 0.999f - 1.0f));
+    glUniform2f(p.at("size"), static_cast<float>(params.width), static_cast<float>(params.height));
+    glUniform1f(p.at("pull"), view.view_projection[14] * (1.0f / 0.999f - 1.0f));
     for (uint32_t row = 0; row < snapshot.body.size(); ++row) {
         const PictureBody& from = snapshot.body[row];
         if (from.mesh == kNone) continue;
@@ -787,11 +705,11 @@ void GlRenderer::Impl::draw_wires(const PictureParams& params, const View& view,
                                      : RenderGroup{0, static_cast<uint32_t>(mesh.index.size()), static_cast<uint32_t>(mesh.line.size())};
         if (line.count == 0) continue;
         const Matrix4 clip = multiply(view.view_projection, body_pose(view, from, row));
-        glUniformMatrix4fv(p.clip_from_body, 1, GL_FALSE, clip.data());
+        glUniformMatrix4fv(p.at("clip_from_body"), 1, GL_FALSE, clip.data());
         // lines a few pixels apart would paint the body black, so they fade with their spacing
         const double distance = std::max(static_cast<double>(clip[15]), 1e-6);
         const double pixels = meshes.info[from.mesh].mean_edge * params.height / (2.0 * view.tan_y * distance);
-        glUniform4f(p.plain, 0.008f, 0.012f, 0.02f, 0.45f * static_cast<float>(std::clamp(pixels / 9.0, 0.12, 1.0)));
+        glUniform4f(p.at("plain"), 0.008f, 0.012f, 0.02f, 0.45f * static_cast<float>(std::clamp(pixels / 9.0, 0.12, 1.0)));
         glBindVertexArray(body[row].array);
         glDrawElements(GL_LINES, static_cast<GLsizei>(line.count), GL_UNSIGNED_INT, reinterpret_cast<const void*>(size_t{4} * line.first));
     }
@@ -830,8 +748,7 @@ void GlRenderer::Impl::draw_markers(const PictureParams& params, const View& vie
         glDepthMask(hidden ? GL_FALSE : GL_TRUE);
         for (const MarkerRun& run : marker.runs) {
             const bool outline = hidden && run.kind == Marker::Kind::kSphere;
-            const SurfaceProgram& p =
-                use_surface_program(variant_of(false, false, view.light_at_eye) | (outline ? kOutline : 0), params, view);
+            const Program& p = use_surface_program(variant_of(false, false, view.light_at_eye) | (outline ? kOutline : 0), params, view);
             Material material;
             material.diffuse = {run.colour[0], run.colour[1], run.colour[2]};
             material.specular = {0.2f, 0.2f, 0.2f};
@@ -856,20 +773,14 @@ void GlRenderer::Impl::read_back(Image& out) {
     glPixelStorei(GL_PACK_ALIGNMENT, 1);
     glReadPixels(0, 0, width, height, GL_RGBA, GL_UNSIGNED_BYTE, out.rgba.data());
     // OpenGL's first row is the lowest
-    row_copy.resize(row);
-    for (size_t top = 0, bottom = target.height - 1; top < bottom; ++top, --bottom) {
-        uint8_t* a = out.rgba.data() + top * row;
-        uint8_t* b = out.rgba.data() + bottom * row;
-        std::memcpy(row_copy.data(), a, row);
-        std::memcpy(a, b, row);
-        std::memcpy(b, row_copy.data(), row);
-    }
+    for (uint8_t *top = out.rgba.data(), *bottom = top + row * (target.height - 1); top < bottom; top += row, bottom -= row)
+        std::swap_ranges(top, top + row, bottom);
 }
 
 GlRenderer::GlRenderer(const Meshes& meshes) : impl_(std::make_unique<Impl>(meshes)) {
     impl_->context.make_current();
-    impl_->floor_program = make_ground_program(shaders::kGroundFragment);
-    impl_->shadow_program = make_ground_program(shaders::kShadowFragment);
+    impl_->floor_program = link(0, shaders::kGroundVertex, shaders::kGroundFragment);
+    impl_->shadow_program = link(0, shaders::kGroundVertex, shaders::kShadowFragment);
     impl_->palette = make_palette();
     impl_->shade_texture = make_table_texture();
     glGenVertexArrays(1, &impl_->empty_array);

@@ -73,24 +73,12 @@ float corner_share(const uint8_t* here, int32_t width, int32_t range) {
     return kCornerStrength * eased * eased;
 }
 
-// (5 red + 9 green + 2 blue) / 16, sixteen pixels at a time; luma is sized for whole blocks.
+// Sized for whole blocks.
 void find_luma(const Image& image, std::vector<uint8_t>& luma) {
     const size_t count = size_t{image.width} * image.height;
     luma.resize(count + 2 * kBlock);
     const uint8_t* rgba = image.rgba.data();
-    const __m128i weights = _mm_set1_epi32(0x00020905);
-    size_t i = 0;
-    for (; i + kBlock <= count; i += kBlock) {
-        __m128i sums[4];
-        for (size_t part = 0; part < 4; ++part) {
-            const auto* four = reinterpret_cast<const __m128i*>(rgba + 4 * i + 16 * part);
-            sums[part] = _mm_maddubs_epi16(_mm_loadu_si128(four), weights);
-        }
-        const __m128i low = _mm_srli_epi16(_mm_hadd_epi16(sums[0], sums[1]), 4);
-        const __m128i high = _mm_srli_epi16(_mm_hadd_epi16(sums[2], sums[3]), 4);
-        _mm_storeu_si128(reinterpret_cast<__m128i*>(luma.data() + i), _mm_packus_epi16(low, high));
-    }
-    for (; i < count; ++i) luma[i] = static_cast<uint8_t>((5 * rgba[4 * i] + 9 * rgba[4 * i + 1] + 2 * rgba[4 * i + 2]) / 16);
+    for (size_t i = 0; i < count; ++i) luma[i] = static_cast<uint8_t>((5 * rgba[4 * i] + 9 * rgba[4 * i + 1] + 2 * rgba[4 * i + 2]) / 16);
 }
 
 // One bit per pixel of the sixteen from `here` whose cross-shaped neighbourhood spans kLeastJump or more.

@@ -98,10 +98,8 @@ constexpr uint32_t kFineWidth = 5 * kFine, kFineHeight = kRows * kFine;
 using FineGlyph = std::array<uint8_t, kFineWidth * kFineHeight>;
 
 const Glyph& find_glyph(char character) {
-    const auto* found =
-        std::find_if(std::begin(kGlyphs), std::end(kGlyphs), [character](const Glyph& g) { return g.character == character; });
-    if (found != std::end(kGlyphs)) return *found;
-    return *std::find_if(std::begin(kGlyphs), std::end(kGlyphs), [](const Glyph& g) { return g.character == '?'; });
+    const auto* found = std::ranges::find(kGlyphs, character, &Glyph::character);
+    return found != std::end(kGlyphs) ? *found : *std::ranges::find(kGlyphs, '?', &Glyph::character);
 }
 
 // Doubles a glyph; a new corner takes the colour that both outer neighbours share, which turns steps into

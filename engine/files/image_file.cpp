@@ -263,6 +263,21 @@ Image decode_image(std::string_view bytes, const std::string& name) {
 
 Image load_image(const std::filesystem::path& path) { return decode_image(read_file_bytes(path, kImageFileLimit), path.string()); }
 
+Image halved(const Image& from) {
+    Image half{std::max(1u, from.width / 2), std::max(1u, from.height / 2), {}};
+    half.rgba.resize(size_t{4} * half.width * half.height);
+    for (uint32_t y = 0; y < half.height; ++y)
+        for (uint32_t x = 0; x < half.width; ++x)
+            for (uint32_t c = 0; c < 4; ++c) {
+                const auto at = [&](uint32_t dx, uint32_t dy) {
+                    const size_t px = std::min(2 * x + dx, from.width - 1), py = std::min(2 * y + dy, from.height - 1);
+                    return uint32_t{from.rgba[4 * (py * from.width + px) + c]};
+                };
+                half.rgba[4 * (size_t{y} * half.width + x) + c] = static_cast<uint8_t>((at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1) + 2) / 4);
+            }
+    return half;
+}
+
 std::vector<std::byte> encode_png(const Image& image) {
     TROCAR_ASSERT(image.width > 0 && image.height > 0);
     TROCAR_ASSERT(image.rgba.size() == size_t{4} * image.width * image.height);

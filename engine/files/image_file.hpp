@@ -15,6 +15,9 @@ inline constexpr uint64_t kImagePixelLimit = uint64_t{1} << 26;  // 8192 x 8192
 Image decode_image(std::string_view bytes, const std::string& name);
 Image load_image(const std::filesystem::path& path);
 
+// A picture of half the size, at least 1 x 1: means of 2 x 2 encoded values; an odd last row or column is dropped.
+Image halved(const Image& image);
+
 // The picture as PNG, RGB if every pixel is opaque. Same bytes for the same picture.
 std::vector<std::byte> encode_png(const Image& image);
 // Written completely or not at all; throws InputError "file: reason".

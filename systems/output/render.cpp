@@ -267,17 +267,6 @@ void draw_legend(const PictureParams& params, Image& out) {
 
 }  // namespace
 
-void fit_camera(const Box& box, uint32_t width, uint32_t height, Camera& camera) {
-    if (camera.kind != CameraKind::kOrbit || !holds_something(box)) return;
-    camera.target = 0.5 * (box.min + box.max);
-    const CameraFrame frame = camera_frame(camera);
-    const double tan_y = kFill * half_tangent(camera), tan_x = tan_y * width / height;
-    camera.distance = kNearestDistance;
-    for (uint32_t k = 0; k < 8; ++k)
-        camera.distance = std::max(camera.distance, distance_for(corner_of(box, k), camera, frame, tan_x, tan_y));
-    lay_floor_under(box, box, camera);
-}
-
 void lay_floor(const PictureSnapshot& snapshot, Camera& camera) {
     Fitted fitted = Fitted::kAll;
     const Box box = box_to_fit(snapshot, fitted);

@@ -11,15 +11,11 @@ struct RenderScratch {
     SmoothEdgesScratch smooth;
 };
 
-// Aims an orbit camera at the centre of a world box, keeps its direction, sets the distance at which the
-// box's corners are just inside the picture, and places the floor under the box. Done once, not per picture,
-// so that the view stays steady while tissue moves. Other cameras and empty boxes leave the camera unchanged.
-void fit_camera(const Box& box, uint32_t width, uint32_t height, Camera& camera);
-
-// The same for a whole snapshot: its deformable and free bodies fill the picture, with space for bodies that
-// approach them; fixed and guided bodies (floors, instruments) may extend beyond it. Without such bodies the
-// camera is fitted to those moved by scripts, joints and hands, and without these to everything. `margin`
-// pixels at the left and right edges are kept free of them.
+// Aims an orbit camera at the centre of a snapshot, keeps its direction, sets the distance and places the floor under it. Done once,
+// not per picture, so that the view stays steady while tissue moves. Its deformable and free bodies fill the picture, with space
+// for bodies that approach them; fixed and guided bodies (floors, instruments) may extend beyond it. Without such bodies the
+// camera is fitted to those moved by scripts, joints and hands, and without these to everything. `margin` pixels at the left and
+// right edges are kept free of them. Other cameras and empty snapshots leave the camera unchanged.
 void fit_camera(const PictureSnapshot& snapshot, uint32_t width, uint32_t height, Camera& camera, uint32_t margin = 0);
 
 // Moves a camera placed by fit_camera back, keeping its direction, until the deformable and free bodies are

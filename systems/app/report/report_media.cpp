@@ -27,21 +27,6 @@ std::string base64(std::span<const unsigned char> bytes) {
     return out;
 }
 
-// Means of 2 x 2 pixels; an odd last row or column is dropped.
-Image halved(const Image& from) {
-    Image out;
-    out.width = from.width / 2;
-    out.height = from.height / 2;
-    out.rgba.resize(size_t{4} * out.width * out.height);
-    const auto at = [&](uint32_t x, uint32_t y, uint32_t c) { return uint32_t{from.rgba[4 * (size_t{y} * from.width + x) + c]}; };
-    for (uint32_t y = 0; y < out.height; ++y)
-        for (uint32_t x = 0; x < out.width; ++x)
-            for (uint32_t c = 0; c < 4; ++c)
-                out.rgba[4 * (size_t{y} * out.width + x) + c] = static_cast<uint8_t>(
-                    (at(2 * x, 2 * y, c) + at(2 * x + 1, 2 * y, c) + at(2 * x, 2 * y + 1, c) + at(2 * x + 1, 2 * y + 1, c) + 2) / 4);
-    return out;
-}
-
 }  // namespace
 
 ReportMedia embed_media(const std::filesystem::path& folder, const std::vector<std::string>& pictures, const std::string& film,
