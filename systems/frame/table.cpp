@@ -19,160 +19,107 @@ namespace {
 
 // Functions of the table below, in its order: each passes columns of the world and scratch to one system.
 namespace stages {
-void device_input(FrameState& f) {
-    World& w = f.world;
+void device_input(World& w, FrameState& f) {
     if (f.options.external_ticks)
         follow_devices(w.clock, w.haptics, w.live_devices, w.devices);
     else
         sample_devices(w.clock, w.paths, w.haptics, w.devices);
 }
-void nodes(FrameState& f) {
-    World& w = f.world;
-    switch_nodes(pass_seconds(w), w.nodes, w.spawning, w.haptics, w.poses, w.node_state, w.sleep);
-}
-void rigid_motion(FrameState& f) { follow_paths(f.world.paths, pass_seconds(f.world), f.world.node_state.off, f.world.poses); }
-void bodies_come_and_go(FrameState& f) {
-    World& w = f.world;
+void nodes(World& w, FrameState&) { switch_nodes(pass_seconds(w), w.nodes, w.spawning, w.haptics, w.poses, w.node_state, w.sleep); }
+void rigid_motion(World& w, FrameState&) { follow_paths(w.paths, pass_seconds(w), w.node_state.off, w.poses); }
+void bodies_come_and_go(World& w, FrameState& f) {
     spawning({w.clock.tick, f.options.account_energy, w.pools, w.meshes, w.solids, w.springs, w.bodies, w.anchors, w.settings.gravity},
              f.scratch.spawning, {w.spawning, w.poses, w.particles, w.sleep, w.energy});
 }
-void link(FrameState& f) {
-    World& w = f.world;
+void link(World& w, FrameState& f) {
     link_bodies(pass_seconds(w), w.haptics.state, {surfaces_of(w), w.solids, w.trees}, f.scratch.links, w.links, w.sleep, w.energy,
                 w.report);
 }
-void tear(FrameState& f) {
-    World& w = f.world;
+void tear(World& w, FrameState&) {
     const TearPass pass{pass_seconds(w), w.settings.gravity, w.springs, w.solids, w.bodies, w.poses, w.anchors};
     cut_bodies(pass, w.particles, w.meshes, w.trees, w.tears, w.sleep, {w.torn, w.torn_springs, w.energy, w.report});
 }
-void torn_springs(FrameState& f) {
-    World& w = f.world;
-    copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs);
-}
-
-namespace {
+void torn_springs(World& w, FrameState&) { copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs); }
 
 ContactInputs contact_inputs(const World& w) {
     const double period = period_seconds(w);
     return {w.settings.contact, period, fall_in_period(w.settings.gravity, period), surfaces_of(w), w.boxes, w.pairs, w.trees};
 }
 
-}  // namespace
-
-void body_boxes(FrameState& f) {
-    World& w = f.world;
+void body_boxes(World& w, FrameState& f) {
     number_sleeps(f);
     compute_body_boxes({period_seconds(w), surfaces_of(w), w.settings.gravity, w.haptics.tool, &w.devices, &w.spawning, &w.node_state},
                        w.boxes, sleeping_bodies(f, kSeenByBoxes));
 }
-void fast_bodies(FrameState& f) {
-    World& w = f.world;
+void fast_bodies(World& w, FrameState&) {
     find_ccd_bodies({period_seconds(w), w.settings.gravity, surfaces_of(w), w.haptics.tool, w.devices, w.node_state}, w.fast_bodies,
                     w.boxes);
 }
-void joined_bodies(FrameState& f) {
-    World& w = f.world;
-    find_joined_bodies(w.bodies, w.links, w.haptics.tool, w.haptics.jaw, w.joined_bodies);
-}
-void excluded_pairs(FrameState& f) {
-    World& w = f.world;
+void joined_bodies(World& w, FrameState&) { find_joined_bodies(w.bodies, w.links, w.haptics.tool, w.haptics.jaw, w.joined_bodies); }
+void excluded_pairs(World& w, FrameState&) {
     find_pierced_bodies(w.haptics.tool, w.boxes, w.nodes.apart, w.haptics.state, w.excluded_pairs);
 }
-void box_pairs(FrameState& f) {
-    World& w = f.world;
-    update_candidate_pairs(w.bodies, w.boxes, w.excluded_pairs, f.scratch.pairs, w.box_pairs);
-}
-void broad_phase_pairs(FrameState& f) {
-    World& w = f.world;
+void box_pairs(World& w, FrameState& f) { update_candidate_pairs(w.bodies, w.boxes, w.excluded_pairs, f.scratch.pairs, w.box_pairs); }
+void broad_phase_pairs(World& w, FrameState& f) {
     find_reachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, w.box_pairs, f.scratch.reachable, w.pairs,
                          w.displacement_bounds, sleeping_bodies(f, kSeenByPairs));
 }
-void sleep(FrameState& f) {
-    World& w = f.world;
+void sleep(World& w, FrameState& f) {
     fall_asleep_and_wake({w.settings, pass_seconds(w), w.clock.period, w.bodies, w.paths, w.nodes.drive, w.joined_bodies, w.spawning},
                          f.scratch.sleep, w.sleep, w.particles, w.poses, w.pairs, w.energy, w.report);
     number_sleeps(f);
 }
-void refit(FrameState& f) {
-    World& w = f.world;
-    refit_trees(w.bodies, w.particles, w.pairs, f.scratch.refit, w.trees);
-}
-void impact_times(FrameState& f) {
-    World& w = f.world;
+void refit(World& w, FrameState& f) { refit_trees(w.bodies, w.particles, w.pairs, f.scratch.refit, w.trees); }
+void impact_times(World& w, FrameState& f) {
     find_times_of_impact(contact_inputs(w), w.fast_bodies, f.scratch.pair_time_of_impact, w.impact_times);
 }
-void rasterise_bodies(FrameState& f) {
-    World& w = f.world;
+void rasterise_bodies(World& w, FrameState& f) {
     rasterise(contact_inputs(w), f.limits.direct_tests, f.scratch.rasterise, w.report, w.screened, w.occupancy);
 }
-void candidate_cells(FrameState& f) {
-    World& w = f.world;
+void candidate_cells(World& w, FrameState& f) {
     const DirectPairs direct{f.limits.direct_tests, w.displacement_bounds};
     find_candidate_triangles(contact_inputs(w), direct, w.screened, w.occupancy, f.scratch.cells, w.candidates);
 }
-void parted_triangles(FrameState& f) { cull_by_separating_axis(contact_inputs(f.world), f.scratch.separating_axis, f.world.candidates); }
-void contours(FrameState& f) {
-    World& w = f.world;
-    find_contours(contact_inputs(w), w.candidates, f.scratch.contours, w.contours);
-}
-void overlap(FrameState& f) {
-    World& w = f.world;
+void parted_triangles(World& w, FrameState& f) { cull_by_separating_axis(contact_inputs(w), f.scratch.separating_axis, w.candidates); }
+void contours(World& w, FrameState& f) { find_contours(contact_inputs(w), w.candidates, f.scratch.contours, w.contours); }
+void overlap(World& w, FrameState& f) {
     find_overlap(contact_inputs(w), w.screened, w.candidates, f.scratch.overlap, w.report, w.near, w.contacts);
 }
-void edge_pass(FrameState& f) {
-    World& w = f.world;
+void edge_pass(World& w, FrameState& f) {
     find_edge_contacts(contact_inputs(w), w.candidates, w.near, f.scratch.edges, w.report, w.contacts);
 }
-void memory_order(FrameState& f) { order_memory(f.world.contact_memory, f.scratch.memory, f.world.memory_order); }
-void kept_edges(FrameState& f) {
-    World& w = f.world;
-    keep_edges(contact_inputs(w), w.contact_memory, w.memory_order, f.scratch.memory, w.contacts);
-}
-void face_pass(FrameState& f) {
-    World& w = f.world;
+void memory_order(World& w, FrameState& f) { order_memory(w.contact_memory, f.scratch.memory, w.memory_order); }
+void kept_edges(World& w, FrameState& f) { keep_edges(contact_inputs(w), w.contact_memory, w.memory_order, f.scratch.memory, w.contacts); }
+void face_pass(World& w, FrameState& f) {
     find_face_contacts(contact_inputs(w), f.limits.face_queries, w.screened, w.candidates, w.near, f.scratch.faces, w.contacts);
 }
-void penetration(FrameState& f) {
-    World& w = f.world;
-    measure_penetrations(w.pairs, w.contacts, w.report, w.penetrations);
-}
-void deep_overlap(FrameState& f) {
-    World& w = f.world;
+void penetration(World& w, FrameState&) { measure_penetrations(w.pairs, w.contacts, w.report, w.penetrations); }
+void deep_overlap(World& w, FrameState& f) {
     find_separation_directions(contact_inputs(w), w.contacts, f.scratch.directions_before, w.pair_memory, w.penetrations);
 }
-void regions(FrameState& f) {
-    World& w = f.world;
+void regions(World& w, FrameState& f) {
     find_regions(contact_inputs(w), w.screened, w.near, w.contacts, w.contours, f.scratch.regions, w.regions);
 }
-void contact_constraints(FrameState& f) {
-    World& w = f.world;
+void contact_constraints(World& w, FrameState& f) {
     make_contact_constraints(contact_inputs(w), w.contacts, w.penetrations, f.scratch.constraints, w.report, w.contact_constraints);
 }
-void edge_constraints(FrameState& f) {
-    World& w = f.world;
+void edge_constraints(World& w, FrameState& f) {
     add_edge_constraints(contact_inputs(w), w.candidates, f.scratch.edge_constraints, w.contact_constraints);
 }
-void loaded_constraints(FrameState& f) {
-    World& w = f.world;
+void loaded_constraints(World& w, FrameState&) {
     mark_loaded(surfaces_of(w), w.contact_memory, w.memory_order, w.contact_constraints, w.loaded_constraints);
 }
-void culled_constraints(FrameState& f) {
-    World& w = f.world;
+void culled_constraints(World& w, FrameState& f) {
     cull_constraints({period_seconds(w), w.settings.gravity, surfaces_of(w), w.displacement_bounds, w.loaded_constraints, w.joined_bodies,
                       w.nodes.drive},
                      f.scratch.culled_constraints, w.contact_constraints);
 }
-void redundant_constraints(FrameState& f) {
-    drop_redundant_constraints(surfaces_of(f.world), f.scratch.redundant_constraints, f.world.contact_constraints);
+void redundant_constraints(World& w, FrameState& f) {
+    drop_redundant_constraints(surfaces_of(w), f.scratch.redundant_constraints, w.contact_constraints);
 }
-void warm_start(FrameState& f) { recall_contacts(f.world.contact_memory, f.world.memory_order, f.world.contact_constraints); }
-void islands(FrameState& f) {
-    World& w = f.world;
-    find_islands(w.bodies, w.contact_constraints, f.scratch.islands, w.islands, w.joined_bodies);
-}
-void local_contact(FrameState& f) {
-    World& w = f.world;
+void warm_start(World& w, FrameState&) { recall_contacts(w.contact_memory, w.memory_order, w.contact_constraints); }
+void islands(World& w, FrameState& f) { find_islands(w.bodies, w.contact_constraints, f.scratch.islands, w.islands, w.joined_bodies); }
+void local_contact(World& w, FrameState& f) {
     const Haptics& h = w.haptics;
     w.local_contact.resize(h.tool.size());
     for (size_t t = 0; t < h.tool.size(); ++t) {
@@ -182,29 +129,23 @@ void local_contact(FrameState& f) {
                               std::span(h.jaw).subspan(h.tool[t].jaws.first, h.tool[t].jaws.count));
     }
 }
-void haptic_surfaces(FrameState& f) {
-    World& w = f.world;
+void haptic_surfaces(World& w, FrameState&) {
     for (LocalContactModel& model : w.local_contact) publish_surfaces(w.haptics.surface, w.poses, model);
 }
-void drive_yield(FrameState& f) {
-    World& w = f.world;
+void drive_yield(World& w, FrameState&) {
     for (size_t t = 0; t < w.haptics.tool.size(); ++t)
         publish_yield(w.nodes, w.node_state, w.bodies, w.haptics.tool[t], w.haptics.state[t], w.local_contact[t]);
 }
-void tissue_give(FrameState& f) {
-    World& w = f.world;
+void tissue_give(World& w, FrameState& f) {
     for (size_t t = 0; t < w.haptics.tool.size(); ++t)
         publish_compliance(surfaces_of(w), w.haptics.tool[t], w.haptics.state[t], f.scratch.local_contact, w.local_contact[t]);
 }
-void contact_hook(FrameState& f) {
-    if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, f.world);
+void contact_hook(World& w, FrameState& f) {
+    if (f.contact_hook.published) f.contact_hook.published(f.contact_hook.user, w);
 }
 
-void holding_groups(FrameState& f) {
-    find_holding_groups(f.world.links, static_cast<uint32_t>(f.world.bodies.mesh.size()), f.world.holding_groups);
-}
-void advance(FrameState& f) {
-    World& w = f.world;
+void holding_groups(World& w, FrameState&) { find_holding_groups(w.links, static_cast<uint32_t>(w.bodies.mesh.size()), w.holding_groups); }
+void advance(World& w, FrameState& f) {
     f.times.tick_ns.assign(w.haptics.tool.size() * w.clock.period, 0);
     FrameTicks ticks{w.clock, w.local_contact, f.scratch.haptic, w.haptics, w.devices, f.times.tick_ns};
     AdvanceIslandsParams params;
@@ -221,27 +162,27 @@ void advance(FrameState& f) {
     advance_islands(params, inputs, {w.islands, w.sleep, w.node_state}, f.scratch.advance,
                     {w.particles, w.poses, w.contact_constraints, w.haptics.state}, w.energy, w.report, f.times.response_ns);
 }
-void contact_memory(FrameState& f) { remember_contacts(f.world.contact_constraints, f.world.contact_memory); }
-void link_forces(FrameState& f) {
-    World& w = f.world;
-    note_link_forces(period_seconds(w), w.haptics.tool, w.haptics.jaw, w.links, w.haptics.state);
-}
-void hand_forces(FrameState& f) { end_hand_pass(period_seconds(f.world), !f.options.external_ticks, f.world.haptics); }
+void contact_memory(World& w, FrameState&) { remember_contacts(w.contact_constraints, w.contact_memory); }
+void link_forces(World& w, FrameState&) { note_link_forces(period_seconds(w), w.haptics.tool, w.haptics.jaw, w.links, w.haptics.state); }
+void hand_forces(World& w, FrameState& f) { end_hand_pass(period_seconds(w), !f.options.external_ticks, w.haptics); }
 
-void surface_normals(FrameState& f) {
-    compute_surface_normals(surfaces_of(f.world), f.scratch.normals, f.world.normals, sleeping_bodies(f, kSeenByNormals));
+void surface_normals(World& w, FrameState& f) {
+    compute_surface_normals(surfaces_of(w), f.scratch.normals, w.normals, sleeping_bodies(f, kSeenByNormals));
 }
-void energy(FrameState& f) {
-    World& w = f.world;
+void energy(World& w, FrameState& f) {
     measure_energy(energy_inputs(w), w.energy_start, f.scratch.energy, w.energy, sleeping_bodies(f, kSeenByEnergy));
 }
-void picture(FrameState& f) {
-    World& w = f.world;
+void picture(World& w, FrameState& f) {
     write_picture_snapshot({w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, &w.tears,
                             &w.spawning, &w.node_state},
                            w.picture, sleeping_bodies(f, kSeenByPicture));
 }
 }  // namespace stages
+
+template <void (*stage)(World&, FrameState&)>
+void run(FrameState& frame) {
+    stage(frame.world, frame);
+}
 
 // Whether a scene has what stages work on.
 bool any_path(const World& w) {
@@ -279,101 +220,101 @@ constexpr ResourceMask kShapes = mask(R::kMeshes, R::kBodies, R::kPoses, R::kPar
 // clang-format off
 constexpr FrameStage kStages[] = {
     // id                   part           name               run                       reads, writes                                                                                wanted
-    {S::kDeviceInput,     P::kInput,    {"device input",    stages::device_input,      mask(R::kClock, R::kPaths, R::kTools),
+    {S::kDeviceInput,     P::kInput,    {"device input",    run<stages::device_input>,      mask(R::kClock, R::kPaths, R::kTools),
         mask(R::kToolState, R::kDevices, R::kLiveDevices)}, any_tool},
-    {S::kNodes,           P::kInput,    {"nodes",           stages::nodes,             mask(R::kClock, R::kNodes, R::kTools, R::kSpawning),
+    {S::kNodes,           P::kInput,    {"nodes",           run<stages::nodes>,             mask(R::kClock, R::kNodes, R::kTools, R::kSpawning),
         mask(R::kPoses, R::kToolState, R::kNodeState, R::kSleep)}, any_switch},
-    {S::kRigidMotion,     P::kInput,    {"rigid motion",    stages::rigid_motion,      mask(R::kClock, R::kPaths, R::kNodeState),
+    {S::kRigidMotion,     P::kInput,    {"rigid motion",    run<stages::rigid_motion>,      mask(R::kClock, R::kPaths, R::kNodeState),
         mask(R::kPoses)}, any_path},
-    {S::kComeAndGo,       P::kInput,    {"come and go",     stages::bodies_come_and_go,kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock),
+    {S::kComeAndGo,       P::kInput,    {"come and go",     run<stages::bodies_come_and_go>,kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock),
         mask(R::kPoses, R::kParticles, R::kSleep, R::kSpawning, R::kEnergy)}, any_pool},
-    {S::kLinks,           P::kInput,    {"links",           stages::link,              kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),
+    {S::kLinks,           P::kInput,    {"links",           run<stages::link>,              kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),
         mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
-    {S::kTears,           P::kInput,    {"tears",           stages::tear,              mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors),
+    {S::kTears,           P::kInput,    {"tears",           run<stages::tear>,              mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors),
         mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
-    {S::kTornSprings,     P::kInput,    {"torn springs",    stages::torn_springs,      mask(R::kSprings, R::kSolids, R::kBodies, R::kTears, R::kTorn),
+    {S::kTornSprings,     P::kInput,    {"torn springs",    run<stages::torn_springs>,      mask(R::kSprings, R::kSolids, R::kBodies, R::kTears, R::kTorn),
         mask(R::kTornSprings)}, any_tear},
-    {S::kBodyBoxes,       P::kDetection,{"body boxes",      stages::body_boxes,        kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kSpawning, R::kNodeState, R::kSleep),
+    {S::kBodyBoxes,       P::kDetection,{"body boxes",      run<stages::body_boxes>,        kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kSpawning, R::kNodeState, R::kSleep),
         mask(R::kBoxes)}, any_pair},
-    {S::kFastBodies,      P::kDetection,{"fast bodies",     stages::fast_bodies,       kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kNodeState),
+    {S::kFastBodies,      P::kDetection,{"fast bodies",     run<stages::fast_bodies>,       kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kNodeState),
         mask(R::kBoxes, R::kFastBodies)}, any_fast},
-    {S::kJoinedBodies,    P::kDetection,{"joined bodies",   stages::joined_bodies,     mask(R::kBodies, R::kLinks, R::kTools),
+    {S::kJoinedBodies,    P::kDetection,{"joined bodies",   run<stages::joined_bodies>,     mask(R::kBodies, R::kLinks, R::kTools),
         mask(R::kJoinedBodies)}, any_jaw_or_link},
-    {S::kExcludedPairs,   P::kDetection,{"excluded pairs",  stages::excluded_pairs,    mask(R::kBoxes, R::kNodes, R::kTools),
+    {S::kExcludedPairs,   P::kDetection,{"excluded pairs",  run<stages::excluded_pairs>,    mask(R::kBoxes, R::kNodes, R::kTools),
         mask(R::kToolState, R::kExcludedPairs)}, any_excluded},
-    {S::kBoxPairs,        P::kDetection,{"box pairs",       stages::box_pairs,         mask(R::kBodies, R::kBoxes, R::kExcludedPairs),
+    {S::kBoxPairs,        P::kDetection,{"box pairs",       run<stages::box_pairs>,         mask(R::kBodies, R::kBoxes, R::kExcludedPairs),
         mask(R::kBoxPairs)}, any_pair},
-    {S::kCandidatePairs,  P::kDetection,{"candidate pairs", stages::broad_phase_pairs,   kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kBoxPairs),
+    {S::kCandidatePairs,  P::kDetection,{"candidate pairs", run<stages::broad_phase_pairs>,   kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kBoxPairs),
         mask(R::kPairs, R::kDisplacementBounds)}, any_pair},
-    {S::kSleep,           P::kDetection,{"sleep",           stages::sleep,             mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kJoinedBodies, R::kNodes, R::kSpawning),
+    {S::kSleep,           P::kDetection,{"sleep",           run<stages::sleep>,             mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kJoinedBodies, R::kNodes, R::kSpawning),
         mask(R::kSleep, R::kParticles, R::kPoses, R::kPairs, R::kEnergy, R::kReport)}, anyone_sleeps},
-    {S::kRefitTrees,      P::kDetection,{"refit trees",     stages::refit,             kShapes | mask(R::kPairs),
+    {S::kRefitTrees,      P::kDetection,{"refit trees",     run<stages::refit>,             kShapes | mask(R::kPairs),
         mask(R::kTrees)}, any_pair},
-    {S::kImpactTimes,     P::kDetection,{"impact times",    stages::impact_times,      kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kTrees, R::kFastBodies),
+    {S::kImpactTimes,     P::kDetection,{"impact times",    run<stages::impact_times>,      kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kTrees, R::kFastBodies),
         mask(R::kImpactTimes)}, any_fast},
-    {S::kRasterise,       P::kDetection,{"rasterise",       stages::rasterise_bodies,  kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),
+    {S::kRasterise,       P::kDetection,{"rasterise",       run<stages::rasterise_bodies>,  kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),
         mask(R::kScreened, R::kOccupancy, R::kReport)}, any_pair},
-    {S::kCandidateCells,  P::kDetection,{"candidate cells", stages::candidate_cells,   kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kDisplacementBounds, R::kScreened, R::kOccupancy, R::kTrees),
+    {S::kCandidateCells,  P::kDetection,{"candidate cells", run<stages::candidate_cells>,   kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kDisplacementBounds, R::kScreened, R::kOccupancy, R::kTrees),
         mask(R::kCandidates)}, any_pair},
-    {S::kSeparatingAxisCulling, P::kDetection,{"separating axis culling",stages::parted_triangles,  kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),
+    {S::kSeparatingAxisCulling, P::kDetection,{"separating axis culling",run<stages::parted_triangles>,  kShapes | mask(R::kSettings, R::kBoxes, R::kPairs),
         mask(R::kCandidates)}, any_pair},
-    {S::kContours,        P::kDetection,{"contours",        stages::contours,          kShapes | mask(R::kPairs, R::kCandidates),
+    {S::kContours,        P::kDetection,{"contours",        run<stages::contours>,          kShapes | mask(R::kPairs, R::kCandidates),
         mask(R::kContours)}, wants_contours},
-    {S::kOverlap,         P::kDetection,{"overlap",         stages::overlap,           kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees),
+    {S::kOverlap,         P::kDetection,{"overlap",         run<stages::overlap>,           kShapes | mask(R::kBoxes, R::kPairs, R::kScreened, R::kCandidates, R::kTrees),
         mask(R::kNear, R::kContacts, R::kReport)}, any_pair},
-    {S::kEdgePass,        P::kDetection,{"edge pass",       stages::edge_pass,         kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees, R::kBoxes),
+    {S::kEdgePass,        P::kDetection,{"edge pass",       run<stages::edge_pass>,         kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kNear, R::kTrees, R::kBoxes),
         mask(R::kContacts, R::kReport)}, any_pair},
-    {S::kMemoryOrder,     P::kDetection,{"memory order",    stages::memory_order,      mask(R::kContactMemory),
+    {S::kMemoryOrder,     P::kDetection,{"memory order",    run<stages::memory_order>,      mask(R::kContactMemory),
         mask(R::kMemoryOrder)}, any_pair},
-    {S::kKeptEdges,       P::kDetection,{"kept edges",      stages::kept_edges,        kShapes | mask(R::kSettings, R::kPairs, R::kTrees, R::kBoxes, R::kContactMemory, R::kMemoryOrder),
+    {S::kKeptEdges,       P::kDetection,{"kept edges",      run<stages::kept_edges>,        kShapes | mask(R::kSettings, R::kPairs, R::kTrees, R::kBoxes, R::kContactMemory, R::kMemoryOrder),
         mask(R::kContacts)}, any_pair},
-    {S::kFacePass,        P::kDetection,{"face pass",       stages::face_pass,         kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kScreened, R::kNear, R::kTrees),
+    {S::kFacePass,        P::kDetection,{"face pass",       run<stages::face_pass>,         kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kScreened, R::kNear, R::kTrees),
         mask(R::kContacts)}, wants_faces},
-    {S::kPenetration,     P::kDetection,{"penetration",     stages::penetration,       mask(R::kPairs, R::kContacts),
+    {S::kPenetration,     P::kDetection,{"penetration",     run<stages::penetration>,       mask(R::kPairs, R::kContacts),
         mask(R::kPenetrations, R::kReport)}, any_pair},
-    {S::kDeepOverlap,     P::kDetection,{"deep overlap",    stages::deep_overlap,      kShapes | mask(R::kPairs, R::kContacts, R::kTrees),
+    {S::kDeepOverlap,     P::kDetection,{"deep overlap",    run<stages::deep_overlap>,      kShapes | mask(R::kPairs, R::kContacts, R::kTrees),
         mask(R::kPairMemory, R::kPenetrations)}, wants_separation_directions},
-    {S::kRegions,         P::kDetection,{"regions",         stages::regions,           kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours),
+    {S::kRegions,         P::kDetection,{"regions",         run<stages::regions>,           kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours),
         mask(R::kRegions)}, wants_regions},
-    {S::kContactConstraints,     P::kDetection,{"contact rows",    stages::contact_constraints,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kContacts, R::kPenetrations),
+    {S::kContactConstraints,     P::kDetection,{"contact rows",    run<stages::contact_constraints>,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kContacts, R::kPenetrations),
         mask(R::kContactConstraints, R::kReport)}, any_pair},
-    {S::kEdgeConstraints,        P::kDetection,{"edge constraints",       stages::edge_constraints,         kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates),
+    {S::kEdgeConstraints,        P::kDetection,{"edge constraints",       run<stages::edge_constraints>,         kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates),
         mask(R::kContactConstraints)}, any_free_pair},
-    {S::kLoadedConstraints,      P::kDetection,{"loaded constraints",     stages::loaded_constraints,       kShapes | mask(R::kContactMemory, R::kMemoryOrder, R::kContactConstraints),
+    {S::kLoadedConstraints,      P::kDetection,{"loaded constraints",     run<stages::loaded_constraints>,       kShapes | mask(R::kContactMemory, R::kMemoryOrder, R::kContactConstraints),
         mask(R::kLoadedConstraints)}, any_pair},
-    {S::kCulledConstraints,        P::kDetection,{"culled constraints",       stages::culled_constraints,         kShapes | mask(R::kSettings, R::kClock, R::kDisplacementBounds, R::kLoadedConstraints, R::kJoinedBodies, R::kNodes),
+    {S::kCulledConstraints,        P::kDetection,{"culled constraints",       run<stages::culled_constraints>,         kShapes | mask(R::kSettings, R::kClock, R::kDisplacementBounds, R::kLoadedConstraints, R::kJoinedBodies, R::kNodes),
         mask(R::kContactConstraints)}, any_pair},
-    {S::kRedundantConstraints,     P::kDetection,{"redundant constraints",    stages::redundant_constraints,      kShapes,
+    {S::kRedundantConstraints,     P::kDetection,{"redundant constraints",    run<stages::redundant_constraints>,      kShapes,
         mask(R::kContactConstraints)}, any_pair},
-    {S::kWarmStart,       P::kDetection,{"warm start",      stages::warm_start,        mask(R::kContactMemory, R::kMemoryOrder),
+    {S::kWarmStart,       P::kDetection,{"warm start",      run<stages::warm_start>,        mask(R::kContactMemory, R::kMemoryOrder),
         mask(R::kContactConstraints)}, any_pair},
-    {S::kIslands,         P::kDetection,{"islands",         stages::islands,           mask(R::kBodies, R::kContactConstraints, R::kJoinedBodies),
+    {S::kIslands,         P::kDetection,{"islands",         run<stages::islands>,           mask(R::kBodies, R::kContactConstraints, R::kJoinedBodies),
         mask(R::kIslands)}, any_mover},
-    {S::kLocalContact,    P::kHaptics,  {"local contact",   stages::local_contact,     kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kNodeState, R::kBoxes),
+    {S::kLocalContact,    P::kHaptics,  {"local contact",   run<stages::local_contact>,     kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kNodeState, R::kBoxes),
         mask(R::kLocalContact)}, any_tool},
-    {S::kHapticSurfaces,  P::kHaptics,  {"haptic surfaces", stages::haptic_surfaces,   mask(R::kTools, R::kPoses),
+    {S::kHapticSurfaces,  P::kHaptics,  {"haptic surfaces", run<stages::haptic_surfaces>,   mask(R::kTools, R::kPoses),
         mask(R::kLocalContact)}, any_tool},
-    {S::kDriveYield,      P::kHaptics,  {"drive yield",     stages::drive_yield,       mask(R::kTools, R::kToolState, R::kBodies, R::kNodes, R::kNodeState),
+    {S::kDriveYield,      P::kHaptics,  {"drive yield",     run<stages::drive_yield>,       mask(R::kTools, R::kToolState, R::kBodies, R::kNodes, R::kNodeState),
         mask(R::kLocalContact)}, any_drive},
-    {S::kCompliancePrediction,      P::kHaptics,  {"compliance prediction",     stages::tissue_give,       kShapes | mask(R::kTools),
+    {S::kCompliancePrediction,      P::kHaptics,  {"compliance prediction",     run<stages::tissue_give>,       kShapes | mask(R::kTools),
         mask(R::kToolState, R::kLocalContact)}, any_tool},
-    {S::kContactHook,     P::kHaptics,  {"contact hook",    stages::contact_hook,      kShapes | mask(R::kClock, R::kTools),
+    {S::kContactHook,     P::kHaptics,  {"contact hook",    run<stages::contact_hook>,      kShapes | mask(R::kClock, R::kTools),
         mask(R::kToolState, R::kLocalContact)}, any_tool},
-    {S::kHoldingGroups,   P::kAdvance,  {"holding groups",  stages::holding_groups,    mask(R::kBodies, R::kLinks),
+    {S::kHoldingGroups,   P::kAdvance,  {"holding groups",  run<stages::holding_groups>,    mask(R::kBodies, R::kLinks),
         mask(R::kHoldingGroups)}, any_link},
-    {S::kAdvance,         P::kAdvance,  {"advance",         stages::advance,           mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears, R::kNodes, R::kImpactTimes, R::kHoldingGroups),
+    {S::kAdvance,         P::kAdvance,  {"advance",         run<stages::advance>,           mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears, R::kNodes, R::kImpactTimes, R::kHoldingGroups),
         mask(R::kPoses, R::kParticles, R::kContactConstraints, R::kToolState, R::kDevices, R::kLinks, R::kTorn, R::kTornSprings, R::kNodeState, R::kEnergy, R::kReport)}, any_mover},
-    {S::kContactMemory,   P::kAdvance,  {"contact memory",  stages::contact_memory,    mask(R::kContactConstraints),
+    {S::kContactMemory,   P::kAdvance,  {"contact memory",  run<stages::contact_memory>,    mask(R::kContactConstraints),
         mask(R::kContactMemory)}, any_mover},
-    {S::kLinkForces,      P::kAdvance,  {"link forces",     stages::link_forces,       mask(R::kClock, R::kTools),
+    {S::kLinkForces,      P::kAdvance,  {"link forces",     run<stages::link_forces>,       mask(R::kClock, R::kTools),
         mask(R::kLinks, R::kToolState)}, any_link},
-    {S::kHandForces,      P::kAdvance,  {"hand forces",     stages::hand_forces,       mask(R::kClock, R::kTools),
+    {S::kHandForces,      P::kAdvance,  {"hand forces",     run<stages::hand_forces>,       mask(R::kClock, R::kTools),
         mask(R::kToolState)}, any_tool},
-    {S::kSurfaceNormals,  P::kPicture,  {"surface normals", stages::surface_normals,   kShapes,
+    {S::kSurfaceNormals,  P::kPicture,  {"surface normals", run<stages::surface_normals>,   kShapes,
         mask(R::kNormals)}, any_deformable},
-    {S::kEnergy,          P::kPicture,  {"energy",          stages::energy,            mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState),
+    {S::kEnergy,          P::kPicture,  {"energy",          run<stages::energy>,            mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState),
         mask(R::kEnergy, R::kEnergyStart)}, any_energy},
-    {S::kPicture,         P::kPicture,  {"picture",         stages::picture,           kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kSpawning, R::kNodeState),
+    {S::kPicture,         P::kPicture,  {"picture",         run<stages::picture>,           kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kSpawning, R::kNodeState),
         mask(R::kPicture)}, any_body},
 };
 // clang-format on
