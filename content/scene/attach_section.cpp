@@ -21,8 +21,7 @@ bool read_region(TomlSection& section, Region& region) {
 
 }  // namespace
 
-GroupSpec read_group(const std::string& file, const toml::table& table) {
-    TomlSection section(file, table, "[[body.group]]");
+GroupSpec read_group(TomlSection section) {
     GroupSpec group;
     group.line = section.line();
     section.read("name", group.name);
@@ -34,8 +33,7 @@ GroupSpec read_group(const std::string& file, const toml::table& table) {
     return group;
 }
 
-TissueRegionSpec read_tissue_region(const std::string& file, const toml::table& table) {
-    TomlSection section(file, table, "[[body.region]]");
+TissueRegionSpec read_tissue_region(TomlSection section) {
     TissueRegionSpec spec;
     spec.line = section.line();
     section.read("group", spec.group);
@@ -50,37 +48,36 @@ TissueRegionSpec read_tissue_region(const std::string& file, const toml::table& 
     return spec;
 }
 
-LinkSpec read_link(const std::string& file, const toml::table& table) {
-    TomlSection section(file, table, "[[link]]");
-    LinkSpec link;
-    link.line = section.line();
+LinkSpec read_link(TomlSection section) {
+    LinkSpec spec;
+    LinkGroup& link = spec.link;
+    spec.line = section.line();
     section.read("name", link.name);
-    section.read("body", link.body);
-    section.read("to", link.holder);
-    section.read("group", link.group);
+    section.read("body", spec.body);
+    section.read("to", spec.holder);
+    section.read("group", spec.group);
     const bool region = read_region(section, link.region);
-    link.frame_given = section.find("frame") != nullptr;
+    spec.frame_given = section.find("frame") != nullptr;
     section.read_enum<RegionFrame>("frame", link.frame,
                                    {{"to", RegionFrame::kHolder}, {"rest", RegionFrame::kRest}, {"world", RegionFrame::kWorld}});
     section.read("within", link.within, 0, 1e3);
     section.read("stiffness", link.stiffness, 1e-9, 1e12);
     section.read("rest", link.rest, 0, 1e3);
     section.read("break_strain", link.break_strain, 1e-9, 1e12);
-    section.read("from", link.from, 0, 1e9);
-    section.read("until", link.until, 0, 1e9);
-    section.read("grip", link.grip);
+    section.read("from", link.begin, 0, 1e9);
+    section.read("until", link.end, 0, 1e9);
+    section.read("grip", spec.grip);
     section.refuse_unknown();
-    if (link.body.empty() || link.holder.empty()) section.fail("a [[link]] needs a body and what it is linked to");
-    if (link.name.empty()) link.name = link.body + " to " + link.holder;
-    if (region && !link.group.empty()) section.fail("link \"" + link.name + "\": give a group or a region, not both");
-    if (!region && link.group.empty() && !std::isfinite(link.within))
+    if (spec.body.empty() || spec.holder.empty()) section.fail("a [[link]] needs a body and what it is linked to");
+    if (link.name.empty()) link.name = spec.body + " to " + spec.holder;
+    if (region && !spec.group.empty()) section.fail("link \"" + link.name + "\": give a group or a region, not both");
+    if (!region && spec.group.empty() && !std::isfinite(link.within))
         section.fail("link \"" + link.name + "\": which nodes? Give a group, a sphere, a box, a capsule or within");
-    if (!(link.until > link.from)) section.fail("link \"" + link.name + "\": until must be later than from");
-    return link;
+    if (!(link.end > link.begin)) section.fail("link \"" + link.name + "\": until must be later than from");
+    return spec;
 }
 
-CutSpec read_cut(const std::string& file, const toml::table& table) {
-    TomlSection section(file, table, "[[cut]]");
+CutSpec read_cut(TomlSection section) {
     CutSpec cut;
     cut.line = section.line();
     section.read("name", cut.name);
@@ -94,31 +91,31 @@ CutSpec read_cut(const std::string& file, const toml::table& table) {
     return cut;
 }
 
-LinkSpec read_staple(const std::string& file, const toml::table& table) {
-    TomlSection section(file, table, "[[staple]]");
-    LinkSpec staple;
-    staple.line = section.line();
+LinkSpec read_staple(TomlSection section) {
+    LinkSpec spec;
+    LinkGroup& staple = spec.link;
+    spec.line = section.line();
     Vec3d position = Vec3d::Zero();
     double reach = 0.01;
     section.read("name", staple.name);
-    section.read("body", staple.body);
-    section.read("to", staple.holder);
+    section.read("body", spec.body);
+    section.read("to", spec.holder);
     section.read("place", position);
     section.read("reach", reach, 1e-9, 1e3);
     section.read("stiffness", staple.stiffness, 1e-9, 1e12);
     section.read("rest", staple.rest, 0, 1e3);
     section.read("break_strain", staple.break_strain, 1e-9, 1e12);
-    section.read("time", staple.from, 0, 1e9);
-    section.read("until", staple.until, 0, 1e9);
+    section.read("time", staple.begin, 0, 1e9);
+    section.read("until", staple.end, 0, 1e9);
     section.refuse_unknown();
-    if (staple.body.empty() || staple.holder.empty()) section.fail("a [[staple]] needs a body and what it is stapled to");
-    if (staple.name.empty()) staple.name = "staple of " + staple.body + " to " + staple.holder;
-    if (!(staple.until > staple.from)) section.fail("staple \"" + staple.name + "\": until must be later than time");
+    if (spec.body.empty() || spec.holder.empty()) section.fail("a [[staple]] needs a body and what it is stapled to");
+    if (staple.name.empty()) staple.name = "staple of " + spec.body + " to " + spec.holder;
+    if (!(staple.end > staple.begin)) section.fail("staple \"" + staple.name + "\": until must be later than time");
     staple.region = {RegionKind::kSphere, position, position, reach};
     staple.frame = RegionFrame::kWorld;
-    staple.frame_given = true;
+    spec.frame_given = true;
     staple.most = 1;
-    return staple;
+    return spec;
 }
 
 }  // namespace trocar

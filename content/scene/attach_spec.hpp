@@ -27,21 +27,12 @@ struct TissueRegionSpec {
 
 // One [[link]] or [[staple]]: particles of a deformable body that another body holds.
 struct LinkSpec {
-    std::string name;
     uint32_t line = 0;
     std::string body, holder;
-    std::string group;  // group of `body`; empty = use region and frame
-    Region region;
-    RegionFrame frame = RegionFrame::kHolder;
-    bool frame_given = false;                                 // false: holder's frame if rigid, else world
-    double within = std::numeric_limits<double>::infinity();  // m
-    uint32_t most = kNone;
-    double stiffness = 0;  // N/m, per link; 0 = four times the stiffness of the body's springs
-    double rest = -1;      // m; < 0 = the distance when linked
-    double break_strain = std::numeric_limits<double>::infinity();
-    double from = 0;  // s
-    double until = std::numeric_limits<double>::infinity();
-    bool grip = false;  // active while the first button of the holder's tool is pressed
+    std::string group;         // group of `body`; empty = use link.region and link.frame
+    bool frame_given = false;  // false: holder's frame if rigid, else world
+    bool grip = false;         // active while the first button of the holder's tool is pressed
+    LinkGroup link;            // link.stiffness 0 = four times the stiffness of the body's springs
 };
 
 // One [[cut]]: triangles that are removed from a body at a given time.

@@ -18,7 +18,7 @@ void choose_preset(TomlSection& section, std::string_view key, bool solid, Tissu
     if (solid) t.pressure_modulus = t.bending = 0;
 }
 
-void read_tissue(TomlSection& section, bool solid, Tissue& t) {
+Tissue read_tissue(TomlSection section, bool solid, Tissue t) {
     choose_preset(section, "preset", solid, t);
     section.read("youngs_modulus", t.youngs_modulus, 1, 1e12);
     section.read("density", t.density, 1e-3, 1e6);
@@ -31,6 +31,7 @@ void read_tissue(TomlSection& section, bool solid, Tissue& t) {
     section.read("bending", t.bending, 0, 1e12);
     section.read("restitution", t.restitution, 0, 1);
     section.refuse_unknown();
+    return t;
 }
 
 HapticSurface read_surface(TomlSection section, Motion motion) {
@@ -94,12 +95,9 @@ void read_degrees(TomlSection& section, std::string_view key, double& angle) {
     angle = degrees * (std::numbers::pi / 180);
 }
 
-std::vector<Keyframe> read_path(const std::string& file, TomlSection& owner, std::string_view key, bool with_grip) {
+std::vector<Keyframe> read_path(TomlSection& owner, std::string_view key, bool with_grip) {
     std::vector<Keyframe> path;
-    const toml::array* array = owner.tables(key);
-    if (!array) return path;
-    for (const toml::node& node : *array) {
-        TomlSection section(file, *node.as_table(), std::string(key));
+    owner.read_list(key, path, [&](TomlSection section) {
         Keyframe frame;
         if (!path.empty())
             frame.position = path.back().position, frame.orientation = path.back().orientation, frame.grip = path.back().grip;
@@ -112,8 +110,9 @@ std::vector<Keyframe> read_path(const std::string& file, TomlSection& owner, std
         if (with_grip) read_degrees(section, "grip", frame.grip);
         section.refuse_unknown();
         if (!path.empty() && frame.time <= path.back().time) section.fail("time must be later than that of the key before");
-        path.push_back(frame);
-    }
+        return frame;
+    });
+    if (path.empty()) return path;
     uint32_t times = 1;
     owner.read_count("repeat", times, 1, 1e6);
     if (times > 1 && path.size() < 2) owner.fail("repeat needs a path of two keys or more");
@@ -149,8 +148,7 @@ void check_body(const TomlSection& section, const BodySpec& body) {
 
 }  // namespace
 
-BodySpec read_body(const std::string& file, const toml::table& table) {
-    TomlSection section(file, table, "[[body]]");
+BodySpec read_body(TomlSection section) {
     BodySpec body;
     body.line = section.line();
     section.read("name", body.name);
@@ -206,19 +204,16 @@ BodySpec read_body(const std::string& file, const toml::table& table) {
     }
     if (const toml::node* node = section.find("tissue"); node && node->is_string()) {
         choose_preset(section, "tissue", body.solid, body.tissue);
-    } else if (const toml::table* tissue = section.table("tissue")) {
-        TomlSection inner(file, *tissue, "[body.tissue]");
-        read_tissue(inner, body.solid, body.tissue);
+    } else {
+        section.read_table("tissue", body.tissue, [&](TomlSection inner) { return read_tissue(inner, body.solid, body.tissue); });
     }
-    body.path = read_path(file, section, "path");
+    body.path = read_path(section, "path");
     section.read("apart", body.apart);
     section.read("break_strain", body.break_strain, 1e-9, 1e12);
-    if (const toml::array* groups = section.tables("group"))
-        for (const toml::node& node : *groups) body.groups.push_back(read_group(file, *node.as_table()));
-    if (const toml::array* regions = section.tables("region"))
-        for (const toml::node& node : *regions) body.regions.push_back(read_tissue_region(file, *node.as_table()));
-    if (const toml::table* haptic = section.table("haptic")) body.haptic = read_surface({file, *haptic, "[body.haptic]"}, body.motion);
-    if (const toml::table* scatter = section.table("scatter")) body.scatter = read_scatter({file, *scatter, "[body.scatter]"});
+    section.read_list("group", body.groups, read_group);
+    section.read_list("region", body.regions, read_tissue_region);
+    section.read_table("haptic", body.haptic, [&](TomlSection inner) { return read_surface(inner, body.motion); });
+    section.read_table("scatter", body.scatter, read_scatter);
     section.refuse_unknown();
     check_body(section, body);
     return body;

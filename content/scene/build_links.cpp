@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "content/scene/find_body.hpp"
 #include "content/scene/tissue_regions.hpp"
 #include "engine/base/error.hpp"
 #include "engine/mesh/region.hpp"
@@ -17,12 +18,6 @@
 namespace trocar {
 namespace {
 
-uint32_t find_body(const SceneFile& scene, const LinkSpec& spec, const World& world, const std::string& name) {
-    const auto found = std::find(world.bodies.name.begin(), world.bodies.name.end(), name);
-    if (found == world.bodies.name.end()) refuse(scene, spec.line, "link \"" + spec.name + "\": no body is named \"" + name + "\"");
-    return static_cast<uint32_t>(found - world.bodies.name.begin());
-}
-
 // Index of a prototype's material, by name.
 uint32_t find_material(const World& world, uint32_t prototype, const std::string& name) {
     const Range range = world.meshes.materials[prototype];
@@ -32,10 +27,11 @@ uint32_t find_material(const World& world, uint32_t prototype, const std::string
     return kNone;
 }
 
-void take_group(const SceneFile& scene, const LinkSpec& spec, const World& world, LinkGroup& g) {
+// What a region of a scene file selects: the nodes of a group of the body, or else those in `region`.
+void take_group(const SceneFile& scene, uint32_t line, const std::string& group, const World& world, LinkGroup& g) {
     const BodySpec& body = scene.bodies[g.body];
-    const auto found = std::find_if(body.groups.begin(), body.groups.end(), [&](const GroupSpec& s) { return s.name == spec.group; });
-    if (found == body.groups.end()) refuse(scene, spec.line, "body \"" + spec.body + "\" has no group \"" + spec.group + "\"");
+    const auto found = std::find_if(body.groups.begin(), body.groups.end(), [&](const GroupSpec& s) { return s.name == group; });
+    if (found == body.groups.end()) refuse(scene, line, "body \"" + body.name + "\" has no group \"" + group + "\"");
     g.region = found->region;
     g.frame = RegionFrame::kRest;
     if (found->material.empty()) return;
@@ -45,37 +41,26 @@ void take_group(const SceneFile& scene, const LinkSpec& spec, const World& world
 }
 
 LinkGroup make_group(const SceneFile& scene, const LinkSpec& spec, const World& world) {
-    LinkGroup g;
-    g.name = spec.name;
-    g.body = find_body(scene, spec, world, spec.body);
-    g.holder = find_body(scene, spec, world, spec.holder);
-    if (!is_deformable(world.bodies, g.body))
-        refuse(scene, spec.line, "link \"" + spec.name + "\": body \"" + spec.body + "\" must be deformable");
-    if (g.body == g.holder) refuse(scene, spec.line, "link \"" + spec.name + "\": a body cannot be linked to itself");
+    LinkGroup g = spec.link;
+    const std::string name = "link \"" + g.name + "\": ";
+    g.body = find_body(scene, spec.line, world, spec.body, name);
+    g.holder = find_body(scene, spec.line, world, spec.holder, name);
+    if (!is_deformable(world.bodies, g.body)) refuse(scene, spec.line, name + "body \"" + spec.body + "\" must be deformable");
+    if (g.body == g.holder) refuse(scene, spec.line, name + "a body cannot be linked to itself");
     if (scene.bodies[g.body].scatter.rate > 0 || scene.bodies[g.holder].scatter.rate > 0)
-        refuse(scene, spec.line, "link \"" + spec.name + "\": bodies that come and go cannot be linked");
-    g.region = spec.region;
-    g.frame = spec.frame;
+        refuse(scene, spec.line, name + "bodies that come and go cannot be linked");
     if (!spec.frame_given && is_deformable(world.bodies, g.holder)) g.frame = RegionFrame::kWorld;
-    if (!spec.group.empty()) take_group(scene, spec, world, g);
+    if (!spec.group.empty()) take_group(scene, spec.line, spec.group, world, g);
     if (g.frame == RegionFrame::kHolder && is_deformable(world.bodies, g.holder))
-        refuse(scene, spec.line, "link \"" + spec.name + "\": only a rigid body has a frame to lie in; take frame = \"rest\" or \"world\"");
-    g.within = spec.within;
-    g.most = spec.most;
-    g.stiffness = spec.stiffness > 0 ? spec.stiffness : 4 * static_cast<double>(world.bodies.spring_stiffness[g.body]);
-    g.rest = spec.rest;
-    g.break_strain = spec.break_strain;
+        refuse(scene, spec.line, name + "only a rigid body has a frame to lie in; take frame = \"rest\" or \"world\"");
+    if (!(g.stiffness > 0)) g.stiffness = 4 * static_cast<double>(world.bodies.spring_stiffness[g.body]);
     g.gauge = world.meshes.info[world.bodies.mesh[g.body]].mean_edge;
-    g.begin = spec.from, g.end = spec.until;
     if (!spec.grip) return g;
-    const auto& tools = world.haptics.tool;
-    const auto tool = std::find_if(tools.begin(), tools.end(), [&](const HandTool& t) {
+    g.tool = find_index(world.haptics.tool, [&](const HandTool& t) {
         const auto jaws = std::span(world.haptics.jaw).subspan(t.jaws.first, t.jaws.count);
         return t.body == g.holder || std::any_of(jaws.begin(), jaws.end(), [&](const ToolJaw& j) { return j.body == g.holder; });
     });
-    if (tool == tools.end())
-        refuse(scene, spec.line, "link \"" + spec.name + "\": grip = true, but no [[tool]] holds \"" + spec.holder + "\"");
-    g.tool = static_cast<uint32_t>(tool - tools.begin());
+    if (g.tool == kNone) refuse(scene, spec.line, name + "grip = true, but no [[tool]] holds \"" + spec.holder + "\"");
     return g;
 }
 
@@ -99,9 +84,7 @@ void add_tissue_regions(const SceneFile& scene, const BodySpec& spec, World& wor
         where.body = body;
         where.region = region.region;
         PaintedField field;
-        LinkSpec named;
-        named.line = region.line, named.body = spec.name, named.group = region.group;
-        if (!region.group.empty()) take_group(scene, named, world, where);
+        if (!region.group.empty()) take_group(scene, region.line, region.group, world, where);
         if (!region.field.empty()) {
             const std::filesystem::path given(region.field);
             std::error_code error;
@@ -130,24 +113,18 @@ void add_tissue_regions(const SceneFile& scene, const BodySpec& spec, World& wor
 
 void add_scene_cuts(const SceneFile& scene, World& world) {
     for (const CutSpec& spec : scene.cuts) {
-        LinkSpec where;
-        where.line = spec.line, where.body = spec.body, where.group = spec.group;
         const std::string name = "cut of \"" + spec.body + "\": ";
-        const auto found = std::find(world.bodies.name.begin(), world.bodies.name.end(), spec.body);
-        if (found == world.bodies.name.end()) refuse(scene, spec.line, name + "there is no such body");
         LinkGroup group;  // used only to select particles
-        group.body = static_cast<uint32_t>(found - world.bodies.name.begin());
+        group.body = find_body(scene, spec.line, world, spec.body, name);
         group.region = spec.region;
         if (scene.bodies[group.body].scatter.rate > 0) refuse(scene, spec.line, name + "bodies that come and go cannot be cut");
-        if (!spec.group.empty()) take_group(scene, where, world, group);
+        if (!spec.group.empty()) take_group(scene, spec.line, spec.group, world, group);
         if (!is_deformable(world.bodies, group.body)) refuse(scene, spec.line, name + "only deformable bodies can be cut");
         if (is_solid(world.solids, world.bodies.mesh[group.body]) && group.material != kNone)
             refuse(scene, spec.line, name + "a solid is cut by a region, not by a material");
         if (has_pressure(world.bodies, group.body) || has_bending(world.bodies, group.body))
             refuse(scene, spec.line, name + "a body that is cut cannot keep its volume or bend: set pressure_modulus and bending to 0");
-        const auto& bodies = world.tears.body;
-        const auto tear = std::find_if(bodies.begin(), bodies.end(), [&](const TearBody& t) { return t.body == group.body; });
-        world.tears.cut.push_back({static_cast<uint32_t>(tear - bodies.begin()), spec.time, group.region, group.material});
+        world.tears.cut.push_back({find_of_body(world.tears.body, group.body), spec.time, group.region, group.material});
     }
     world.torn.cut.assign(world.tears.cut.size(), 0);
 }

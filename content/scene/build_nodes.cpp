@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "content/scene/find_body.hpp"
 #include "engine/base/error.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/mesh/mass_properties.hpp"
@@ -112,9 +113,7 @@ void keep_apart(const SceneFile& scene, World& world) {
     Nodes& nodes = world.nodes;
     for (uint32_t body = 0; body < scene.bodies.size(); ++body) {
         for (const std::string& name : scene.bodies[body].apart) {
-            const auto found = std::find(world.bodies.name.begin(), world.bodies.name.end(), name);
-            if (found == world.bodies.name.end()) refuse(scene, scene.bodies[body].line, "apart: no body is named \"" + name + "\"");
-            const uint32_t other = static_cast<uint32_t>(found - world.bodies.name.begin());
+            const uint32_t other = find_body(scene, scene.bodies[body].line, world, name, "apart: ");
             if (other == body) refuse(scene, scene.bodies[body].line, "apart: body \"" + name + "\" names itself");
             nodes.apart.push_back({std::min(body, other), std::max(body, other)});
         }
@@ -123,9 +122,8 @@ void keep_apart(const SceneFile& scene, World& world) {
     for (const NodeDrive& drive : nodes.drive) {
         for (uint32_t other = 0; other < world.bodies.mesh.size(); ++other) {
             const bool stands = world.bodies.motion[other] == Motion::kStatic;
-            const bool sibling = other > drive.body &&
-                                 std::any_of(nodes.drive.begin(), nodes.drive.end(), [&](const NodeDrive& d) { return d.body == other; }) &&
-                                 parent_of(other) == parent_of(drive.body);
+            const bool sibling =
+                other > drive.body && find_of_body(nodes.drive, other) != kNone && parent_of(other) == parent_of(drive.body);
             if (stands || sibling) nodes.apart.push_back({std::min(drive.body, other), std::max(drive.body, other)});
         }
     }
@@ -134,28 +132,18 @@ void keep_apart(const SceneFile& scene, World& world) {
 }
 
 void add_switches(const SceneFile& scene, World& world) {
-    const auto body_named = [&](uint32_t line, const std::string& name) {
-        const auto found = std::find(world.bodies.name.begin(), world.bodies.name.end(), name);
-        if (found == world.bodies.name.end()) refuse(scene, line, "no body is named \"" + name + "\"");
-        return static_cast<uint32_t>(found - world.bodies.name.begin());
-    };
     for (uint32_t n = 0; n < scene.nodes.size(); ++n) {
         for (const NodeSwitchSpec& spec : scene.nodes[n].switches) {
-            NodeSwitch s{n, spec.to, spec.time, kNone, spec.buttons, kNone, spec.event};
-            const auto& tools = world.haptics.tool;
-            if (spec.buttons != 0 && tools.empty()) refuse(scene, spec.line, "a switch by buttons, but there is no tool");
+            NodeSwitch s = spec.toggle;
+            s.node = n;
+            if (s.buttons != 0 && world.haptics.tool.empty()) refuse(scene, spec.line, "a switch by buttons, but there is no tool");
             if (!spec.tool.empty()) {
-                const uint32_t body = body_named(spec.line, spec.tool);
-                const auto tool = std::find_if(tools.begin(), tools.end(), [&](const HandTool& t) { return t.body == body; });
-                if (tool == tools.end()) refuse(scene, spec.line, "no [[tool]] holds \"" + spec.tool + "\"");
-                s.tool = static_cast<uint32_t>(tool - tools.begin());
+                s.tool = find_of_body(world.haptics.tool, find_body(scene, spec.line, world, spec.tool));
+                if (s.tool == kNone) refuse(scene, spec.line, "no [[tool]] holds \"" + spec.tool + "\"");
             }
             if (!spec.driven.empty()) {
-                const uint32_t body = body_named(spec.line, spec.driven);
-                const auto& drives = world.nodes.drive;
-                const auto drive = std::find_if(drives.begin(), drives.end(), [&](const NodeDrive& d) { return d.body == body; });
-                if (drive == drives.end()) refuse(scene, spec.line, "body \"" + spec.driven + "\" hangs on no node with a behaviour");
-                s.drive = static_cast<uint32_t>(drive - drives.begin());
+                s.drive = find_of_body(world.nodes.drive, find_body(scene, spec.line, world, spec.driven));
+                if (s.drive == kNone) refuse(scene, spec.line, "body \"" + spec.driven + "\" hangs on no node with a behaviour");
             }
             world.nodes.toggle.push_back(s);
         }
@@ -174,19 +162,15 @@ bool may_be_off(const World& world, uint32_t body) {
 }
 
 void check_bodies_of_nodes(const SceneFile& scene, const World& world) {
-    const auto driven = [&](uint32_t body) {
-        return std::any_of(world.nodes.drive.begin(), world.nodes.drive.end(), [&](const NodeDrive& d) { return d.body == body; });
-    };
     for (const LinkSpec& link : scene.links) {
         for (const std::string& name : {link.body, link.holder}) {
-            const auto found = std::find(world.bodies.name.begin(), world.bodies.name.end(), name);
-            if (found == world.bodies.name.end()) continue;  // reported by add_scene_links
-            const uint32_t body = static_cast<uint32_t>(found - world.bodies.name.begin());
-            if (driven(body))
-                refuse(scene, link.line, "link \"" + link.name + "\": \"" + name + "\" is moved by its node and cannot be linked");
+            const uint32_t body = find_body(world, name);
+            if (body == kNone) continue;  // reported by add_scene_links
+            const std::string what = "link \"" + link.link.name + "\": \"" + name + "\" ";
+            if (find_of_body(world.nodes.drive, body) != kNone)
+                refuse(scene, link.line, what + "is moved by its node and cannot be linked");
             if (may_be_off(world, body))
-                refuse(scene, link.line,
-                       "link \"" + link.name + "\": \"" + name + "\" hangs on a node that is disabled or switched and cannot be linked");
+                refuse(scene, link.line, what + "hangs on a node that is disabled or switched and cannot be linked");
         }
     }
     for (uint32_t body = 0; body < scene.bodies.size(); ++body)
@@ -210,18 +194,14 @@ void add_tool_exchanges(const SceneFile& scene, const ToolSpec& spec, World& wor
         refuse(scene, spec.exchanges[0].line, "tool \"" + spec.body + "\" has jaws: it cannot be exchanged");
     uint32_t from = tool;
     for (const ToolExchangeSpec& exchange : spec.exchanges) {
-        const auto& names = world.bodies.name;
-        const auto found = std::find(names.begin(), names.end(), exchange.body);
-        if (found == names.end()) refuse(scene, exchange.line, "no body is named \"" + exchange.body + "\"");
-        const uint32_t body = static_cast<uint32_t>(found - names.begin());
+        const uint32_t body = find_body(scene, exchange.line, world, exchange.body);
         if (world.bodies.motion[body] != Motion::kHand)
             refuse(scene, exchange.line, "body \"" + exchange.body + "\" of a tool must have motion = \"hand\"");
         const auto& tools = world.haptics.tool;
-        const auto known = std::find_if(tools.begin(), tools.end(), [&](const HandTool& t) { return t.body == body; });
-        uint32_t to = static_cast<uint32_t>(known - tools.begin());  // the instrument may come back
-        if (known != tools.end() && (to < tool || to == from))
-            refuse(scene, exchange.line, "body \"" + exchange.body + "\" is in a hand already");
-        if (known == tools.end()) {
+        uint32_t to = find_of_body(tools, body);  // the instrument may come back
+        if (to != kNone && (to < tool || to == from)) refuse(scene, exchange.line, "body \"" + exchange.body + "\" is in a hand already");
+        if (to == kNone) {
+            to = static_cast<uint32_t>(tools.size());
             if (tools.size() == kMaxTools)
                 refuse(scene, exchange.line, "more than " + std::to_string(kMaxTools) + " tools and instruments to exchange");
             HandTool other = tools[tool];

@@ -2,10 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <compare>
 #include <limits>
 #include <map>
-#include <numbers>
+#include <tuple>
 
 #include "content/mend/admission.hpp"
 #include "content/mend/clean_mesh.hpp"
@@ -13,11 +12,13 @@
 #include "content/read/load_mesh.hpp"
 #include "content/scene/build_links.hpp"
 #include "content/scene/build_nodes.hpp"
+#include "content/scene/find_body.hpp"
 #include "content/scene/make_prototype.hpp"
 #include "content/scene/make_solid.hpp"
 #include "content/shapes/shape_library.hpp"
 #include "engine/base/check.hpp"
 #include "engine/base/error.hpp"
+#include "engine/base/format.hpp"
 #include "engine/devices/device.hpp"
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/haptics/point_shell.hpp"
@@ -70,7 +71,7 @@ Mesh load_body_mesh(const SceneFile& scene, const BodySpec& body, Looks looks, s
 // Factor from file units to metres.
 double mesh_scale(const BodySpec& body, const Mesh& mesh) {
     Box box;
-    for (const Vec3d& p : mesh.position) box.min = box.min.cwiseMin(p), box.max = box.max.cwiseMax(p);
+    for (const Vec3d& p : mesh.position) grow(box, p);
     const Vec3d extent = box.max - box.min;
     if (body.size > 0) return body.size / std::max(extent.maxCoeff(), 1e-300);
     if (body.scale > 0) return body.scale;
@@ -80,19 +81,15 @@ double mesh_scale(const BodySpec& body, const Mesh& mesh) {
 Box world_box(const World& world, uint32_t body) {
     const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
     Box box;
-    for (uint32_t v = 0; v < info.vertices.count; ++v) {
-        const Vec3d p = world.poses.origin[body] + rotate(world.poses.orientation[body], world.meshes.position[info.vertices.first + v]);
-        box.min = box.min.cwiseMin(p), box.max = box.max.cwiseMax(p);
-    }
+    for (uint32_t v = info.vertices.first; v < info.vertices.end(); ++v)
+        grow(box, world.poses.origin[body] + rotate(world.poses.orientation[body], world.meshes.position[v]));
     return box;
 }
 
 void place_above(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
-    const auto& names = world.bodies.name;
-    const auto found = std::find(names.begin(), names.begin() + body, spec.above);
-    if (found == names.begin() + body)
-        refuse(scene, spec.line, "above = \"" + spec.above + "\" names no body before \"" + spec.name + "\"");
-    const Box below = world_box(world, static_cast<uint32_t>(found - names.begin())), own = world_box(world, body);
+    const uint32_t lower = find_body(world, spec.above);
+    if (lower >= body) refuse(scene, spec.line, "above = \"" + spec.above + "\" names no body before \"" + spec.name + "\"");
+    const Box below = world_box(world, lower), own = world_box(world, body);
     Vec3d shift = 0.5 * (below.min + below.max - own.min - own.max);
     shift.z() = below.max.z() + spec.gap - own.min.z();
     world.poses.origin[body] += shift + Vec3d(spec.position.x(), spec.position.y(), 0);
@@ -115,31 +112,23 @@ double step_of_skin(const World& world, uint32_t body) {
 std::string body_note(const World& world, uint32_t body, const Prototype& made) {
     constexpr const char* kMotions[] = {"static", "kinematic", "hand", "deformable", "free"};
     const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
-    char text[256];
-    std::snprintf(text, sizeof text, "%s: %u vertices, %u triangles, %s, %.1f ml", world.bodies.name[body].c_str(), info.vertices.count,
-                  info.triangles.count, kMotions[static_cast<size_t>(world.bodies.motion[body])], info.volume * 1e6);
-    std::string note = text;
-    if (is_solid(world.solids, world.bodies.mesh[body])) {
-        const SolidInfo& solid = world.solids.info[world.bodies.mesh[body]];
-        std::snprintf(text, sizeof text, ", solid of %u tetrahedra, %u nodes%s", solid.count, solid.nodes.count,
-                      solid.skin.count > 0 ? " under this skin" : "");
-        note += text;
-    } else if (has_own_nodes(world.solids, world.bodies.mesh[body])) {
-        std::snprintf(text, sizeof text, ", under this skin a shell of %u nodes, whose step is %.3g times that of the skin itself",
-                      world.solids.info[world.bodies.mesh[body]].nodes.count, world.bodies.stable_dt[body] / step_of_skin(world, body));
-        note += text;
+    const uint32_t prototype = world.bodies.mesh[body];
+    std::string note = format("%s: %u vertices, %u triangles, %s, %.1f ml", world.bodies.name[body].c_str(), info.vertices.count,
+                              info.triangles.count, kMotions[static_cast<size_t>(world.bodies.motion[body])], info.volume * 1e6);
+    if (is_solid(world.solids, prototype)) {
+        const SolidInfo& solid = world.solids.info[prototype];
+        note +=
+            format(", solid of %u tetrahedra, %u nodes%s", solid.count, solid.nodes.count, solid.skin.count > 0 ? " under this skin" : "");
+    } else if (has_own_nodes(world.solids, prototype)) {
+        note += format(", under this skin a shell of %u nodes, whose step is %.3g times that of the skin itself",
+                       world.solids.info[prototype].nodes.count, world.bodies.stable_dt[body] / step_of_skin(world, body));
     }
     if (is_deformable(world.bodies, body)) {
         constexpr const char* kIntegrators[] = {"leapfrog", "midpoint"};
-        std::snprintf(text, sizeof text, ", E %.3g Pa, explicit step at most %.3g ms, stepped by %s",
-                      world.bodies.tissue[body].youngs_modulus, world.bodies.stable_dt[body] * 1e3,
-                      kIntegrators[static_cast<size_t>(stepping_of(world.bodies, body).integrator)]);
-        note += text;
+        note += format(", E %.3g Pa, explicit step at most %.3g ms, stepped by %s", world.bodies.tissue[body].youngs_modulus,
+                       world.bodies.stable_dt[body] * 1e3, kIntegrators[static_cast<size_t>(stepping_of(world.bodies, body).integrator)]);
     }
-    if (const RigidMass* free = find_rigid_mass(world.bodies, body)) {
-        std::snprintf(text, sizeof text, ", %.4g kg", free->mass);
-        note += text;
-    }
+    if (const RigidMass* free = find_rigid_mass(world.bodies, body)) note += format(", %.4g kg", free->mass);
     const std::string changes = describe_cleaning(made.cleaning);
     if (!changes.empty()) note += "; " + changes;
     return note;
@@ -178,13 +167,13 @@ void spread_points(const ToolSpec& spec, const World& world, HandTool& tool) {
     double area = area_of(mesh_of(tool.body));
     for (const ToolJaw& jaw : jaws) area += area_of(mesh_of(jaw.body));
     const auto share = [&](uint32_t body) { return std::max(10u, static_cast<uint32_t>(spec.points * area_of(mesh_of(body)) / area)); };
-    tool.point_shell = make_point_shell(mesh_of(tool.body), spec.tip, jaws.empty() ? spec.points : share(tool.body));
+    tool.point_shell = make_point_shell(mesh_of(tool.body), tool.tip, jaws.empty() ? spec.points : share(tool.body));
     tool.shell_radius = shell_radius(tool.point_shell);
     tool.shell_jaw.assign(jaws.begin(), jaws.end());
     for (uint32_t j = 0; j < jaws.size(); ++j) {
         std::vector<ShellPoint> points = make_point_shell(mesh_of(jaws[j].body), Vec3d::Zero(), share(jaws[j].body));
         // bound for every jaw angle
-        tool.shell_radius = std::max(tool.shell_radius, (jaws[j].pivot - spec.tip).norm() + shell_radius(points));
+        tool.shell_radius = std::max(tool.shell_radius, (jaws[j].pivot - tool.tip).norm() + shell_radius(points));
         for (ShellPoint& p : points) p.jaw = j;
         tool.point_shell.insert(tool.point_shell.end(), points.begin(), points.end());
     }
@@ -196,34 +185,27 @@ void give_shell(const SceneFile& scene, const ToolSpec& spec, const World& world
     const auto fail = [&](const std::string& why) { refuse(scene, spec.line, "tool \"" + spec.body + "\" with dof = 6: " + why); };
     const double mass = world.bodies.inv_mass[tool.body] > 0 ? 1 / world.bodies.inv_mass[tool.body] : 0;
     if (!(mass > 0)) fail("its body needs a mass");
-    if (!(spec.stiffness > 0)) fail("it needs a stiffness");
+    const double stiffness = spec.tool.coupling_stiffness, damping = spec.tool.coupling_damping;
+    if (!(stiffness > 0)) fail("it needs a stiffness");
     spread_points(spec, world, tool);
     if (tool.point_shell.empty()) fail("its body has no surface");
-    tool.turn_stiffness = spec.turn_stiffness;
-    tool.inertia = mass * spec.turn_stiffness / spec.stiffness;
-    tool.coupling_damping = spec.damping >= 0 ? spec.damping : 2 * std::sqrt(spec.stiffness * mass);
-    tool.turn_damping = spec.turn_damping >= 0 ? spec.turn_damping : 2 * std::sqrt(spec.turn_stiffness * tool.inertia);
-    tool.surface_stiffness = spec.surface_stiffness > 0 ? spec.surface_stiffness : 100 * spec.stiffness;
-    if (spec.hand.mass <= 0 || spec.hand.damping <= 0) return;
-    const double limit = spec.hand.damping / (0.5e-3 + 1e-3 * spec.hand.delay);
-    char text[160];
-    std::snprintf(text, sizeof text, "stiffness %g N/m is more than a device of %g N s/m takes quietly at 1 kHz: at most %g",
-                  spec.stiffness, spec.hand.damping, limit);
-    if (spec.stiffness > limit) fail(text);
+    tool.inertia = mass * tool.turn_stiffness / stiffness;
+    tool.coupling_damping = damping >= 0 ? damping : 2 * std::sqrt(stiffness * mass);
+    tool.turn_damping = spec.tool.turn_damping >= 0 ? spec.tool.turn_damping : 2 * std::sqrt(tool.turn_stiffness * tool.inertia);
+    tool.surface_stiffness = spec.tool.surface_stiffness > 0 ? spec.tool.surface_stiffness : 100 * stiffness;
+    if (tool.hand.mass <= 0 || tool.hand.damping <= 0) return;
+    const double limit = tool.hand.damping / (0.5e-3 + 1e-3 * tool.hand.delay);
+    if (stiffness > limit)
+        fail(format("stiffness %g N/m is more than a device of %g N s/m takes quietly at 1 kHz: at most %g", stiffness, tool.hand.damping,
+                    limit));
 }
 
 // Adds the jaws, which collide neither with their instrument nor with each other.
 void add_jaws(const SceneFile& scene, const ToolSpec& spec, World& world, HandTool& tool) {
-    tool.grip_closed = spec.grip_closed;
     tool.jaws = {static_cast<uint32_t>(world.haptics.jaw.size()), static_cast<uint32_t>(spec.jaws.size())};
     for (const JawSpec& s : spec.jaws) {
-        const auto& names = world.bodies.name;
-        const auto found = std::find(names.begin(), names.end(), s.body);
-        if (found == names.end()) refuse(scene, s.line, "no body is named \"" + s.body + "\"");
-        const uint32_t body = static_cast<uint32_t>(found - names.begin());
-        const auto& jaws = world.haptics.jaw;
-        if (world.bodies.motion[body] != Motion::kHand || body == tool.body ||
-            std::any_of(jaws.begin(), jaws.end(), [&](const ToolJaw& j) { return j.body == body; }))
+        const uint32_t body = find_body(scene, s.line, world, s.body);
+        if (world.bodies.motion[body] != Motion::kHand || body == tool.body || find_of_body(world.haptics.jaw, body) != kNone)
             refuse(scene, s.line, "body \"" + s.body + "\" of a jaw must have motion = \"hand\" and be nothing else");
         world.haptics.jaw.push_back(s.jaw);
         world.haptics.jaw.back().body = body;
@@ -244,24 +226,10 @@ void keep_jaws_apart(World& world) {
 }
 
 void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
-    const auto& names = world.bodies.name;
-    const auto found = std::find(names.begin(), names.end(), spec.body);
-    if (found == names.end()) refuse(scene, spec.line, "no body is named \"" + spec.body + "\"");
-    HandTool tool;
-    tool.body = static_cast<uint32_t>(found - names.begin());
+    HandTool tool = spec.tool;
+    tool.body = find_body(scene, spec.line, world, spec.body);
     if (world.bodies.motion[tool.body] != Motion::kHand)
         refuse(scene, spec.line, "body \"" + spec.body + "\" of a tool must have motion = \"hand\"");
-    tool.tip = spec.tip;
-    tool.tip_radius = spec.tip_radius;
-    tool.coupling_stiffness = spec.stiffness;
-    tool.coupling_damping = spec.damping;
-    tool.max_force = spec.max_force;
-    tool.friction = spec.friction;
-    tool.pass_through = spec.pass_through;
-    tool.hand = spec.hand;
-    tool.workspace = spec.workspace;
-    tool.pivot = spec.pivot;
-    tool.limits = spec.limits;
     add_jaws(scene, spec, world, tool);
     if (spec.dof == 6) give_shell(scene, spec, world, tool);
     tool.effects = {static_cast<uint32_t>(world.haptics.effect.size()), static_cast<uint32_t>(spec.effects.size())};
@@ -281,21 +249,8 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     for (uint32_t t = row + 1; t < world.haptics.tool.size() && spec.dof == 6; ++t) {
         ToolSpec other = spec;  // the point shell covers this instrument's own body
         other.body = world.bodies.name[world.haptics.tool[t].body];
-        other.tip = world.haptics.tool[t].tip;
         give_shell(scene, other, world, world.haptics.tool[t]);
     }
-}
-
-Camera make_camera(const CameraSpec& spec) {
-    Camera camera;
-    camera.kind = spec.kind == "laparoscope" ? CameraKind::kLaparoscope : CameraKind::kOrbit;
-    camera.target = spec.target;
-    camera.position = spec.position;
-    camera.azimuth = spec.azimuth * std::numbers::pi / 180;
-    camera.elevation = spec.elevation * std::numbers::pi / 180;
-    camera.field_of_view = spec.fov * std::numbers::pi / 180;
-    camera.distance = spec.distance;
-    return camera;
 }
 
 }  // namespace
@@ -332,9 +287,7 @@ Integrator pick_integrator(const World& world, uint32_t body, double wanted_erro
     bool held = world.bodies.anchor_frame[body] == AnchorFrame::kWorld && world.bodies.tissue[body].depth < kNoFoundation;
     for (uint32_t v = 0; v < nodes && !held; ++v) held = !(world.particles.offset[first + v].w > 0);
     const double steps = 1e-3 / world.bodies.stable_dt[body];
-    char text[160];
-    std::snprintf(text, sizeof text, "%.3g explicit steps a ms, %s, %.3g mm wanted", steps, held ? "held" : "free", wanted_error * 1e3);
-    why = text;
+    why = format("%.3g explicit steps a ms, %s, %.3g mm wanted", steps, held ? "held" : "free", wanted_error * 1e3);
     // midpoint treats these forces explicitly, so they limit its step as they limit leapfrog's
     if (has_pressure(world.bodies, body) || has_bending(world.bodies, body)) {
         why += ", pressure or bending";
@@ -422,35 +375,13 @@ Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, Worl
 }
 
 // Two bodies with equal keys share a prototype.
-struct PrototypeKey {
-    std::string own;  // the body's name, if it tears or has regions and so needs its own prototype
-    std::string file, shape;
-    uint32_t triangles;
-    uint64_t seed;
-    double scale, size, cells, spacing;
-    std::array<float, 3> color;
-    bool deformable, solid, skin, swells, bends;  // the last two only where they belong to the prototype
-    auto operator<=>(const PrototypeKey&) const = default;
-};
-
-PrototypeKey key_of(const SceneFile& scene, const BodySpec& spec) {
-    const bool caged = spec.skin && !spec.solid;
-    return {may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "",
-            spec.file,
-            spec.shape,
-            spec.triangles,
-            spec.seed,
-            spec.scale,
-            spec.size,
-            spec.cells,
-            spec.spacing,
-            spec.color,
-            spec.motion == Motion::kDeformable,
-            spec.solid,
-            spec.skin,
-            caged && spec.tissue.pressure_modulus > 0,
-            caged && spec.tissue.bending > 0};
+auto key_of(const SceneFile& scene, const BodySpec& spec) {
+    const bool caged = spec.skin && !spec.solid, swells = spec.tissue.pressure_modulus > 0, bends = spec.tissue.bending > 0;
+    const std::string own = may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "";  // not to be shared
+    return std::tuple(own, spec.file, spec.shape, spec.triangles, spec.seed, spec.scale, spec.size, spec.cells, spec.spacing, spec.color,
+                      spec.motion == Motion::kDeformable, spec.solid, spec.skin, caged && swells, caged && bends);
 }
+using PrototypeKey = decltype(key_of(SceneFile{}, BodySpec{}));
 
 // Prototypes of a scene. Bodies with the same source share one, but rigid and deformable bodies do not share:
 // springs are created in the order of the prototypes.
@@ -516,16 +447,12 @@ Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World
     const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
     const double limit = world.bodies.stable_dt[body];
     const double others = other_forces_limit(world, body);
-    char text[200];
-    if (integrator != Integrator::kLeapfrog && step > others) {
-        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step under pressure and bending, %.4g s", step, others);
-        refuse_body(scene, spec, text);
-    }
-    if (integrator == Integrator::kLeapfrog && step > limit) {
-        std::snprintf(text, sizeof text, "step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one%s", step,
-                      limit, solid ? "" : " or integrator = \"midpoint\"");
-        refuse_body(scene, spec, text);
-    }
+    if (integrator != Integrator::kLeapfrog && step > others)
+        refuse_body(scene, spec, format("step = %g s is above the largest stable step under pressure and bending, %.4g s", step, others));
+    if (integrator == Integrator::kLeapfrog && step > limit)
+        refuse_body(scene, spec,
+                    format("step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one%s", step, limit,
+                           solid ? "" : " or integrator = \"midpoint\""));
     if (integrator == Integrator::kLeapfrog && step == 0) return stepping;               // the default of every body
     const double usual = integrator == Integrator::kLeapfrog ? 0 : solid ? 2e-3 : 5e-3;  // s; 5 ms gives overlaps of mm
     stepping.step = step > 0 ? step : std::min(others, usual);
@@ -617,9 +544,7 @@ BuiltScene build_scene(const SceneFile& given, Looks looks) {
     for (const BodySpec& spec : scene.bodies) add_scene_body(scene, spec, prototypes.get(scene, spec, world, built.warnings), built);
     for (const ToolSpec& spec : scene.tools) add_tool(scene, spec, world);
     for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
-        const bool held =
-            std::any_of(world.haptics.tool.begin(), world.haptics.tool.end(), [&](const HandTool& t) { return t.body == body; });
-        const bool jaw = std::any_of(world.haptics.jaw.begin(), world.haptics.jaw.end(), [&](const ToolJaw& j) { return j.body == body; });
+        const bool held = find_of_body(world.haptics.tool, body) != kNone, jaw = find_of_body(world.haptics.jaw, body) != kNone;
         if (world.bodies.motion[body] == Motion::kHand && !held && !jaw)
             refuse(scene, scene.bodies[body].line, "body \"" + world.bodies.name[body] + "\" is hand-driven but no [[tool]] holds it");
         if (held && jaw) refuse(scene, scene.bodies[body].line, "body \"" + world.bodies.name[body] + "\" is both a tool and a jaw");
@@ -630,9 +555,8 @@ BuiltScene build_scene(const SceneFile& given, Looks looks) {
     add_scene_cuts(scene, world);
     open_pools(world);
     make_trees(world);
-    built.camera = make_camera(scene.camera);
-    built.picture.wireframe = scene.camera.wireframe;
-    built.picture.depth_colours = scene.camera.depth_colors;
+    built.camera = scene.camera;
+    built.picture = scene.picture;
     return built;
 }
 

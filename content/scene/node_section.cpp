@@ -6,22 +6,24 @@ namespace {
 
 NodeSwitchSpec read_switch(TomlSection section) {
     NodeSwitchSpec spec;
+    NodeSwitch& s = spec.toggle;
     spec.line = section.line();
+    s.to = 2;
     bool enabled = true;
-    if (section.find("enabled")) section.read("enabled", enabled), spec.to = enabled;
-    section.read("time", spec.time, 0, 1e9);
+    if (section.find("enabled")) section.read("enabled", enabled), s.to = enabled;
+    section.read("time", s.time, 0, 1e9);
     section.read("tool", spec.tool);
-    section.read_count("buttons", spec.buttons, 0, 4294967295.0);
+    section.read_count("buttons", s.buttons, 0, 4294967295.0);
     section.read("driven", spec.driven);
-    section.read_enum<NodeEventKind>("event", spec.event,
+    section.read_enum<NodeEventKind>("event", s.event,
                                      {{"pressed", NodeEventKind::kPressed},
                                       {"released", NodeEventKind::kReleased},
                                       {"limit", NodeEventKind::kLimit},
                                       {"detent", NodeEventKind::kDetent}});
     section.refuse_unknown();
-    const int given = std::isfinite(spec.time) + (spec.buttons != 0) + !spec.driven.empty();
+    const int given = std::isfinite(s.time) + (s.buttons != 0) + !spec.driven.empty();
     if (given != 1) section.fail("a [[node.switch]] needs one of time, buttons (bits) and driven (a body)");
-    if (std::isfinite(spec.time) && spec.to == 2) section.fail("a [[node.switch]] with a time needs enabled");
+    if (std::isfinite(s.time) && s.to == 2) section.fail("a [[node.switch]] with a time needs enabled");
     return spec;
 }
 
@@ -62,8 +64,7 @@ void read_drive(TomlSection& section, NodeSpec& node) {
 
 }  // namespace
 
-NodeSpec read_node(const std::string& file, const toml::table& table) {
-    TomlSection section(file, table, "[[node]]");
+NodeSpec read_node(TomlSection section) {
     NodeSpec node;
     node.line = section.line();
     section.read("name", node.name);
@@ -74,8 +75,7 @@ NodeSpec read_node(const std::string& file, const toml::table& table) {
     section.read("scale", node.scale, 1e-6, 1e6);
     section.read("enabled", node.enabled);
     read_drive(section, node);
-    if (const toml::array* switches = section.tables("switch"))
-        for (const toml::node& element : *switches) node.switches.push_back(read_switch({file, *element.as_table(), "[[node.switch]]"}));
+    section.read_list("switch", node.switches, read_switch);
     section.refuse_unknown();
     return node;
 }

@@ -10,12 +10,9 @@ namespace trocar {
 // One [[node.switch]].
 struct NodeSwitchSpec {
     uint32_t line = 0;
-    uint8_t to = 2;                                         // as in NodeSwitch
-    double time = std::numeric_limits<double>::infinity();  // s
-    std::string tool;                                       // whose buttons trigger it; empty = any tool
-    uint32_t buttons = 0;                                   // bits
-    std::string driven;                                     // body whose `event` triggers it
-    NodeEventKind event = NodeEventKind::kPressed;
+    std::string tool;    // whose buttons trigger it; empty = any tool
+    std::string driven;  // body whose `event` triggers it
+    NodeSwitch toggle;
 };
 
 // One [[tool.exchange]]: the body that replaces the tool's previous one.

@@ -1,5 +1,6 @@
 #include "content/scene/scene_file.hpp"
 
+#include <numbers>
 #include <unordered_set>
 
 #include "components/clock.hpp"
@@ -8,7 +9,8 @@
 namespace trocar {
 namespace {
 
-void read_contact(TomlSection section, ContactParams& contact, uint32_t& rate) {
+ContactParams read_contact(TomlSection section, uint32_t& rate) {
+    ContactParams contact;
     section.read_count("rate", rate, 1, 1000);
     if (!is_contact_rate(rate)) section.fail("rate must be 30, 60, 90 ... 240 (Hz), a whole number of passes a picture");
     section.read("tolerance", contact.tolerance, 1e-12, 1e3);
@@ -26,20 +28,27 @@ void read_contact(TomlSection section, ContactParams& contact, uint32_t& rate) {
     section.read_enum<ResponseDirection>("direction", contact.direction,
                                          {{"local", ResponseDirection::kLocal}, {"thesis", ResponseDirection::kThesis}});
     section.refuse_unknown();
+    return contact;
 }
 
-CameraSpec read_camera(TomlSection section) {
-    CameraSpec camera;
-    section.read("kind", camera.kind);
-    if (camera.kind != "orbit" && camera.kind != "laparoscope") section.fail("camera kind must be orbit or laparoscope");
+// The key's value, or the default, in degrees; as rad.
+double read_angle(TomlSection& section, std::string_view key, double degrees, double lowest, double highest) {
+    section.read(key, degrees, lowest, highest);
+    return degrees * std::numbers::pi / 180;
+}
+
+Camera read_camera(TomlSection section, PictureParams& picture) {
+    Camera camera;
+    camera.position.setZero(), camera.distance = 0;  // 0: fitted to the scene
+    section.read_enum<CameraKind>("kind", camera.kind, {{"orbit", CameraKind::kOrbit}, {"laparoscope", CameraKind::kLaparoscope}});
     section.read("target", camera.target);
     section.read("position", camera.position);
-    section.read("azimuth", camera.azimuth);
-    section.read("elevation", camera.elevation, -90, 90);
+    camera.azimuth = read_angle(section, "azimuth", 30, -1e300, 1e300);
+    camera.elevation = read_angle(section, "elevation", 25, -90, 90);
     section.read("distance", camera.distance, 0, 1e9);
-    section.read("fov", camera.fov, 1, 170);
-    section.read("wireframe", camera.wireframe);
-    section.read("depth_colors", camera.depth_colors);
+    camera.field_of_view = read_angle(section, "fov", 35, 1, 170);
+    section.read("wireframe", picture.wireframe);
+    section.read("depth_colors", picture.depth_colours);
     section.refuse_unknown();
     return camera;
 }
@@ -54,7 +63,7 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
     SceneFile scene;
     scene.path = path;
     scene.parameters = take_parameters(file, root);
-    TomlSection top(file, root, "");
+    TomlSection top(file, root);
     scene.settings.name = path.stem().string();
     top.read("name", scene.settings.name);
     top.read("description", scene.settings.description);
@@ -63,27 +72,22 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
     top.read("substep", scene.settings.substep, 1e-9, 1);
     top.read("sleep_speed", scene.settings.sleep_speed, 0, 1e3);
     top.read("sleep_after", scene.settings.sleep_after, 0, 1e6);
-    if (const toml::table* contact = top.table("contact"))
-        read_contact({file, *contact, "[contact]"}, scene.settings.contact, scene.contact_rate);
-    if (const toml::table* camera = top.table("camera")) scene.camera = read_camera({file, *camera, "[camera]"});
-    if (const toml::array* nodes = top.tables("node"))
-        for (const toml::node& node : *nodes) scene.nodes.push_back(read_node(file, *node.as_table()));
-    if (const toml::array* bodies = top.tables("body"))
-        for (const toml::node& node : *bodies) {
-            const BodySpec body = read_body(file, *node.as_table());
-            if (body.scatter.asked)
-                scatter_body(body, scene.bodies);
-            else
-                scene.bodies.push_back(body);
-        }
-    if (const toml::array* tools = top.tables("tool"))
-        for (const toml::node& node : *tools) scene.tools.push_back(read_tool(file, *node.as_table()));
-    if (const toml::array* links = top.tables("link"))
-        for (const toml::node& node : *links) scene.links.push_back(read_link(file, *node.as_table()));
-    if (const toml::array* staples = top.tables("staple"))
-        for (const toml::node& node : *staples) scene.links.push_back(read_staple(file, *node.as_table()));
-    if (const toml::array* cuts = top.tables("cut"))
-        for (const toml::node& node : *cuts) scene.cuts.push_back(read_cut(file, *node.as_table()));
+    top.read_table("contact", scene.settings.contact, [&](TomlSection section) { return read_contact(section, scene.contact_rate); });
+    const toml::table no_keys, *camera = top.table("camera");
+    scene.camera = read_camera({file, camera ? *camera : no_keys, "[camera]"}, scene.picture);
+    top.read_list("node", scene.nodes, read_node);
+    std::vector<BodySpec> bodies;
+    top.read_list("body", bodies, read_body);
+    for (const BodySpec& body : bodies) {
+        if (body.scatter.asked)
+            scatter_body(body, scene.bodies);
+        else
+            scene.bodies.push_back(body);
+    }
+    top.read_list("tool", scene.tools, read_tool);
+    top.read_list("link", scene.links, read_link);
+    top.read_list("staple", scene.links, read_staple);
+    top.read_list("cut", scene.cuts, read_cut);
     top.read_count("staples", scene.staples, 0, 1e6);
     std::vector<std::string> parameters;
     for (const SceneParameter& parameter : scene.parameters) parameters.push_back(parameter.name);

@@ -10,6 +10,7 @@
 #include "components/haptic_effect.hpp"
 #include "components/haptic_surface.hpp"
 #include "components/paths.hpp"
+#include "components/picture.hpp"
 #include "components/scene.hpp"
 #include "components/tool.hpp"
 #include "content/scene/attach_spec.hpp"
@@ -71,40 +72,15 @@ struct JawSpec {
 struct ToolSpec {
     std::string body;
     uint32_t line = 0;
-    Vec3d tip = Vec3d::Zero();  // m, body frame
-    double tip_radius = 0.006;  // m
-    double stiffness = 500;     // N/m, virtual coupling
-    double damping = 5;         // N s/m
-    double max_force = 3.3;     // N
-    double friction = 0.1;
-    double pass_through = 0;       // N; 0 = never
-    uint32_t dof = 3;              // 3: forces at a sphere at the tip; 6: force and torque on the whole body
-    uint32_t points = 1000;        // dof = 6: approximate number of points in the point shell
-    double turn_stiffness = 0.5;   // N m/rad
-    double turn_damping = -1;      // N m s/rad; < 0 = critical damping
-    double surface_stiffness = 0;  // N/m per point; 0 = 100 times stiffness
-    std::string trace;             // recorded device trace; if empty, path
+    uint32_t dof = 3;        // 3: forces at a sphere at the tip; 6: force and torque on the whole body
+    uint32_t points = 1000;  // dof = 6: approximate number of points in the point shell
+    // As it will be, but that with dof = 6 a damping < 0 is critical, and a surface_stiffness of 0 is 100 times coupling_stiffness.
+    HandTool tool;
+    std::string trace;  // recorded device trace; if empty, path
     std::vector<Keyframe> path;
-    HandModel hand;
-    Workspace workspace;
-    Pivot pivot;
-    DeviceLimits limits;
     std::vector<HapticEffect> effects;
     std::vector<ToolExchangeSpec> exchanges;
     std::vector<JawSpec> jaws;
-    double grip_closed = 0;  // rad, a smaller grip angle counts as the first button pressed
-};
-
-struct CameraSpec {
-    std::string kind = "orbit";      // orbit | laparoscope
-    Vec3d target = Vec3d::Zero();    // m
-    Vec3d position = Vec3d::Zero();  // m, laparoscope
-    double azimuth = 30;             // degrees
-    double elevation = 25;           // degrees
-    double distance = 0;             // m, 0 = fit the scene
-    double fov = 35;                 // degrees, vertical
-    bool wireframe = false;
-    bool depth_colors = false;
 };
 
 // One entry of [parameters]: other keys use its value by writing "$name"; --set name=value changes it.
@@ -124,7 +100,8 @@ struct SceneFile {
     std::vector<LinkSpec> links;
     std::vector<CutSpec> cuts;
     uint32_t staples = 0;  // room for links created by the program while the scene runs
-    CameraSpec camera;
+    Camera camera;
+    PictureParams picture;
 };
 
 // One --set key=value: `seconds=2`, `contact.cell_edges=3`, `liver.tissue.youngs_modulus=2e4`,

@@ -34,17 +34,10 @@ std::string value_text(const std::string& file, const toml::node& node) {
     return one_line(file, node.source(), out.str());
 }
 
-std::string text_of(const std::string& file, const toml::node& node, const std::string& key) {
-    const auto text = node.value<std::string>();
-    if (!node.is_string() || text->empty()) refuse(file, node.source(), key + " must be a string");
-    return one_line(file, node.source(), *text);
-}
-
-std::vector<SweepAxis> read_axes(const std::string& file, const toml::node& node) {
-    if (!node.is_table()) refuse(file, node.source(), "vary must be a table");
+std::vector<SweepAxis> read_axes(const std::string& file, const toml::table& vary) {
     std::vector<SweepAxis> axes;
     size_t runs = 1;
-    for (const auto& [key, values] : *node.as_table()) {
+    for (const auto& [key, values] : vary) {
         SweepAxis axis{one_line(file, key.source(), std::string(key.str())), {}};
         const toml::array* list = values.as_array();
         if (!list || list->empty())
@@ -61,34 +54,13 @@ std::vector<SweepAxis> read_axes(const std::string& file, const toml::node& node
     return axes;
 }
 
-void read_key(const std::string& file, const std::string& key, const toml::node& node, SweepFile& sweep) {
-    if (key == "name")
-        sweep.name = text_of(file, node, key);
-    else if (key == "scene")
-        sweep.scene = text_of(file, node, key);
-    else if (key == "vary")
-        sweep.axes = read_axes(file, node);
-    else if (key == "seconds" || key == "threads" || key == "repeat") {
-        const double value = node.is_number() ? *node.value<double>() : -1;
-        const bool whole = key == "seconds" || value == std::floor(value);
-        if (!(value > 0 && value < 1e6 && whole)) refuse(file, node.source(), key + " must be a positive number");
-        if (key == "seconds")
-            sweep.seconds = value;
-        else
-            (key == "threads" ? sweep.threads : sweep.repeat) = static_cast<uint32_t>(value);
-    } else if (key == "set") {
-        if (!node.is_table()) refuse(file, node.source(), "set must be a table");
-        for (const auto& [name, value] : *node.as_table()) {
-            if (value.is_table()) refuse(file, value.source(), "a key of [set] with dots stands in quotes: \"contact.tolerance\"");
-            sweep.fixed.push_back({one_line(file, name.source(), std::string(name.str())), value_text(file, value)});
-        }
-    } else if (key == "columns") {
-        if (!node.is_array()) refuse(file, node.source(), "columns must be a list of paths into metrics.json");
-        for (const toml::node& column : *node.as_array()) sweep.columns.push_back(text_of(file, column, "a column"));
-    } else {
-        refuse(file, node.source(),
-               "unknown key \"" + key + "\"; a sweep has name, scene, seconds, threads, repeat, columns, [set] and [vary]");
+std::vector<Override> read_fixed(const std::string& file, const toml::table& set) {
+    std::vector<Override> fixed;
+    for (const auto& [name, value] : set) {
+        if (value.is_table()) refuse(file, value.source(), "a key of [set] with dots stands in quotes: \"contact.tolerance\"");
+        fixed.push_back({one_line(file, name.source(), std::string(name.str())), value_text(file, value)});
     }
+    return fixed;
 }
 
 }  // namespace
@@ -99,7 +71,18 @@ SweepFile read_sweep_file(const std::filesystem::path& path) {
     SweepFile sweep;
     sweep.path = path;
     sweep.name = path.stem().string();
-    for (const auto& [key, node] : root) read_key(file, std::string(key.str()), node, sweep);
+    TomlSection top(file, root);
+    top.read("name", sweep.name);
+    top.read("scene", sweep.scene);
+    top.read("columns", sweep.columns);
+    for (const auto& [key, node] : root)
+        if (node.is_string()) one_line(file, node.source(), *node.value<std::string>());
+    top.read("seconds", sweep.seconds, 1e-9, 1e6);
+    top.read_count("threads", sweep.threads, 1, 1e6);
+    top.read_count("repeat", sweep.repeat, 1, 1e6);
+    if (const toml::table* set = top.table("set")) sweep.fixed = read_fixed(file, *set);
+    if (const toml::table* vary = top.table("vary")) sweep.axes = read_axes(file, *vary);
+    top.refuse_unknown();
     bool scene_varies = false;
     for (const SweepAxis& axis : sweep.axes) scene_varies = scene_varies || axis.key == "scene";
     if (sweep.scene.empty() && !scene_varies) throw InputError(file + ": a sweep needs a scene");

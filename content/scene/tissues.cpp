@@ -3,30 +3,14 @@
 namespace trocar {
 namespace {
 
-// Full organs. Young's modulus Pa, density kg/m^3, wall m, depth m, damping 1/s.
-Tissue solid_of(double modulus, double density, double wall, double depth, double damping) {
+// Young's modulus Pa, density kg/m^3, wall m, depth m; resistance of the enclosed volume and of the wall to bending, as multiples
+// of Young's modulus. The wall of a hollow organ is the whole tissue and resists bending; an open sheet encloses nothing.
+Tissue tissue_of(double modulus, double density, double wall, double depth, double volume, double bending) {
     Tissue t;
-    t.youngs_modulus = modulus;
-    t.density = density;
-    t.wall = wall;
-    t.depth = depth;
-    t.damping = damping;
-    t.friction = 0.1;
-    t.pressure_modulus = 10 * modulus;
-    return t;
-}
-
-// Hollow organs: the wall is the whole tissue and resists bending.
-Tissue hollow_of(double modulus, double density, double wall, double depth, double damping) {
-    Tissue t = solid_of(modulus, density, wall, depth, damping);
-    t.bending = modulus;
-    return t;
-}
-
-// An open sheet encloses nothing.
-Tissue sheet_of(double modulus, double density, double wall, double depth, double damping) {
-    Tissue t = hollow_of(modulus, density, wall, depth, damping);
-    t.pressure_modulus = 0;
+    t.youngs_modulus = modulus, t.density = density;
+    t.wall = wall, t.depth = depth;
+    t.damping = 30, t.friction = 0.1;
+    t.pressure_modulus = volume * modulus, t.bending = bending * modulus;
     return t;
 }
 
@@ -37,30 +21,30 @@ std::span<const TissuePreset> tissue_presets() {
         {"liver",
          "E: mean of 530 healthy adults, transient elastography, Fung et al., PLoS ONE 8(12) e85067, 2013 (2.3 to 5.9 kPa). "
          "density: Kaye & Laby, Tables, 2.4.6",
-         solid_of(4.1e3, 1060, 8e-3, 0.05, 30)},
+         tissue_of(4.1e3, 1060, 8e-3, 0.05, 10, 0)},
         {"kidney",
          "E: cortex in vivo (rabbit), shear wave elastography, BMC Nephrology, doi 10.1186/s12882-017-0679-2, 2017. "
          "density: Kaye & Laby, Tables, 2.4.6",
-         solid_of(16.3e3, 1050, 5e-3, 0.03, 30)},
+         tissue_of(16.3e3, 1050, 5e-3, 0.03, 10, 0)},
         {"gallbladder",
          "E = 3 G, G 85 kPa and density: table 1 of Phys Med Biol 64(22) 225001, 2019, after Karimi et al., J Med Eng Technol, 2017",
-         hollow_of(255e3, 1060, 2e-3, 1.0, 30)},
+         tissue_of(255e3, 1060, 2e-3, 1.0, 10, 1)},
         {"bowel",
          "E: small intestine (pig), biaxial, low strain, mean of 307 kPa along and 180 kPa around, Terry et al., IJECB 2(4), 2014. "
          "density: no source, that of muscle",
-         hollow_of(244e3, 1047, 2e-3, 1.0, 30)},
+         tissue_of(244e3, 1047, 2e-3, 1.0, 10, 1)},
         {"fat",
          "E = 3 |G|, |G| 752 Pa in vivo, magnetic resonance elastography, J Mech Behav Biomed Mater, 2023 (strain-dependent shear "
          "of human adipose tissue). density: Kaye & Laby, Tables, 2.4.6",
-         solid_of(2.3e3, 923, 5e-3, 0.03, 30)},
+         tissue_of(2.3e3, 923, 5e-3, 0.03, 10, 0)},
         {"muscle",
          "E = 3 |G|, |G| 1000 Pa, relaxed gluteus in vivo, the same study as of fat; abdominal wall in tension 20 to 50 kPa "
          "(linea alba, Foerstemann et al., J Biomech, 2011). density: Kaye & Laby, Tables, 2.4.6",
-         solid_of(3e3, 1047, 8e-3, 0.03, 30)},
+         tissue_of(3e3, 1047, 8e-3, 0.03, 10, 0)},
         {"polypropylene_mesh",
          "no source for one number: knits differ by two orders of magnitude (Maurer et al., Materials 8, 2015). Chosen: 1 N/mm and "
          "50 g/m^2 at 0.5 mm. A fine mesh of it needs steps of microseconds",
-         sheet_of(2e6, 100, 0.5e-3, 10, 30)},
+         tissue_of(2e6, 100, 0.5e-3, 10, 0, 1)},
     };
     return kPresets;
 }

@@ -206,6 +206,12 @@ const toml::table* TomlSection::table(std::string_view key) {
     return node->as_table();
 }
 
+std::string TomlSection::name_below(const char* open, std::string_view key, const char* close) const {
+    const size_t brackets = name_.find_first_not_of('[');
+    const std::string holder = name_.empty() ? "" : name_.substr(brackets, name_.size() - 2 * brackets) + ".";
+    return open + holder + std::string(key) + close;
+}
+
 void TomlSection::refuse_unknown(const std::vector<std::string>& parameters) const {
     std::vector<std::string> words = parameters;
     words.insert(words.end(), known_.begin(), known_.end());

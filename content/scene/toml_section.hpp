@@ -30,7 +30,9 @@ toml::table read_toml(const std::filesystem::path& path, const std::string& what
 // absent key keeps the value; a wrong type or range throws InputError "file:line:column: reason".
 class TomlSection {
  public:
-    TomlSection(const std::string& file, const toml::table& table, std::string name) : file_(file), table_(table), name_(std::move(name)) {}
+    // `name` as in errors: "[contact]", "[[body]]"; empty for the whole file.
+    TomlSection(const std::string& file, const toml::table& table, std::string name = "")
+        : file_(file), table_(table), name_(std::move(name)) {}
 
     [[noreturn]] void fail(const toml::node& node, const std::string& reason) const;
     [[noreturn]] void fail(const std::string& reason) const { fail(table_, reason); }
@@ -69,13 +71,25 @@ class TomlSection {
         }
         fail(*table_.get(key), std::string(key) + " \"" + text + "\" is none of " + list);
     }
-    const toml::array* tables(std::string_view key);
     const toml::table* table(std::string_view key);
+    // Reads a table, or each table of a list, as a section of its own: T read_one(TomlSection).
+    template <typename T, typename Read>
+    void read_table(std::string_view key, T& value, const Read& read_one) {
+        if (const toml::table* inner = table(key)) value = read_one({file_, *inner, name_below("[", key, "]")});
+    }
+    template <typename T, typename Read>
+    void read_list(std::string_view key, std::vector<T>& list, const Read& read_one) {
+        const toml::array* array = tables(key);
+        for (size_t i = 0; array && i < array->size(); ++i)
+            list.push_back(read_one({file_, *array->get_as<toml::table>(i), name_below("[[", key, "]]")}));
+    }
     // `parameters`: further words to suggest for an unknown key from the command line.
     void refuse_unknown(const std::vector<std::string>& parameters = {}) const;
     uint32_t line() const { return table_.source().begin.line; }
 
  private:
+    const toml::array* tables(std::string_view key);
+    std::string name_below(const char* open, std::string_view key, const char* close) const;
     double number(const toml::node& node, std::string_view key, double lowest, double highest) const;
     std::vector<double> numbers(const toml::node& node, std::string_view key, size_t count) const;
 

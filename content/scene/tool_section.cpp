@@ -154,18 +154,14 @@ JawSpec read_jaw(TomlSection section) {
 }
 
 // The sub-tables of a [[tool]].
-void read_tool_tables(const std::string& file, TomlSection& section, ToolSpec& tool) {
-    if (const toml::table* hand = section.table("hand")) tool.hand = read_hand({file, *hand, "[tool.hand]"});
-    if (const toml::table* workspace = section.table("workspace")) tool.workspace = read_workspace({file, *workspace, "[tool.workspace]"});
-    if (const toml::table* pivot = section.table("pivot")) tool.pivot = read_pivot({file, *pivot, "[tool.pivot]"});
-    if (const toml::table* limits = section.table("limits")) tool.limits = read_limits({file, *limits, "[tool.limits]"});
-    if (const toml::array* exchanges = section.tables("exchange"))
-        for (const toml::node& node : *exchanges) tool.exchanges.push_back(read_exchange({file, *node.as_table(), "[[tool.exchange]]"}));
-    if (const toml::array* jaws = section.tables("jaw"))
-        for (const toml::node& node : *jaws) tool.jaws.push_back(read_jaw({file, *node.as_table(), "[[tool.jaw]]"}));
-    const toml::array* effects = section.tables("effect");
-    if (!effects) return;
-    for (const toml::node& node : *effects) tool.effects.push_back(read_effect({file, *node.as_table(), "[[tool.effect]]"}));
+void read_tool_tables(TomlSection& section, ToolSpec& tool) {
+    section.read_table("hand", tool.tool.hand, read_hand);
+    section.read_table("workspace", tool.tool.workspace, read_workspace);
+    section.read_table("pivot", tool.tool.pivot, read_pivot);
+    section.read_table("limits", tool.tool.limits, read_limits);
+    section.read_list("exchange", tool.exchanges, read_exchange);
+    section.read_list("jaw", tool.jaws, read_jaw);
+    section.read_list("effect", tool.effects, read_effect);
     if (tool.effects.size() > kMaxEffects)
         section.fail("tool \"" + tool.body + "\" has " + std::to_string(tool.effects.size()) + " effects; the most is " +
                      std::to_string(kMaxEffects));
@@ -173,36 +169,37 @@ void read_tool_tables(const std::string& file, TomlSection& section, ToolSpec& t
 
 // Keys of 6-DOF tools.
 void read_shell(TomlSection& section, ToolSpec& tool) {
-    tool.damping = -1;
+    tool.tool.coupling_damping = tool.tool.turn_damping = -1;
+    tool.tool.turn_stiffness = 0.5;
     section.read_count("points", tool.points, 10, 20'000);
-    section.read("turn_stiffness", tool.turn_stiffness, 1e-6, 1e4);
-    section.read("turn_damping", tool.turn_damping, 0, 1e4);
-    section.read("surface_stiffness", tool.surface_stiffness, 1, 1e9);
+    section.read("turn_stiffness", tool.tool.turn_stiffness, 1e-6, 1e4);
+    section.read("turn_damping", tool.tool.turn_damping, 0, 1e4);
+    section.read("surface_stiffness", tool.tool.surface_stiffness, 1, 1e9);
 }
 
 }  // namespace
 
-ToolSpec read_tool(const std::string& file, const toml::table& table) {
-    TomlSection section(file, table, "[[tool]]");
+ToolSpec read_tool(TomlSection section) {
     ToolSpec tool;
     tool.line = section.line();
     section.read("body", tool.body);
     if (tool.body.empty()) section.fail("a [[tool]] needs the name of its body");
-    section.read("tip", tool.tip);
-    section.read("tip_radius", tool.tip_radius, 0, 10);
+    section.read("tip", tool.tool.tip);
+    tool.tool.tip_radius = 0.006;
+    section.read("tip_radius", tool.tool.tip_radius, 0, 10);
     section.read_count("dof", tool.dof, 3, 6);
     if (tool.dof != 3 && tool.dof != 6)
         section.fail("tool \"" + tool.body + "\": dof is 3 (a sphere at the tip feels) or 6 (the whole body does)");
     if (tool.dof == 6) read_shell(section, tool);
-    section.read("stiffness", tool.stiffness, 0, 1e7);
-    section.read("damping", tool.damping, 0, 1e6);
-    section.read("max_force", tool.max_force, 0, 1e6);
-    section.read("friction", tool.friction, 0, 1e6);
-    section.read("pass_through", tool.pass_through, 0, 1e6);
+    section.read("stiffness", tool.tool.coupling_stiffness, 0, 1e7);
+    section.read("damping", tool.tool.coupling_damping, 0, 1e6);
+    section.read("max_force", tool.tool.max_force, 0, 1e6);
+    section.read("friction", tool.tool.friction, 0, 1e6);
+    section.read("pass_through", tool.tool.pass_through, 0, 1e6);
     section.read("trace", tool.trace);
-    tool.path = read_path(file, section, "path", true);
-    read_degrees(section, "grip_closed", tool.grip_closed);
-    read_tool_tables(file, section, tool);
+    tool.path = read_path(section, "path", true);
+    read_degrees(section, "grip_closed", tool.tool.grip_closed);
+    read_tool_tables(section, tool);
     section.refuse_unknown();
     if (tool.path.empty() && tool.trace.empty()) section.fail("tool \"" + tool.body + "\" needs a trace or a [[tool.path]]");
     return tool;

@@ -486,7 +486,7 @@ TEST(HardCases, P19_FastHandAgainstATable) {
                         body("probe", "probe", Motion::kHand, 0, {0.02, 0.01, 0.05}, 1000)};
         ToolSpec tool;
         tool.body = "probe";
-        tool.tip_radius = 0.007;
+        tool.tool.tip_radius = 0.007;
         Keyframe above, start, through;
         above.position = start.position = Vec3d(0.02, 0.01, 0.05);
         start.time = 0.1 + phase;

@@ -34,7 +34,7 @@ SceneFile wall_scene(double late, double tip_radius) {
     probe.position = Vec3d(0, 0, 0.04);
     ToolSpec tool;
     tool.body = "probe";
-    tool.tip_radius = tip_radius;
+    tool.tool.tip_radius = tip_radius;
     tool.path = {key(0, 0.04), key(0.05 + late, 0.04), key(0.05 + late + 0.12, -0.02), key(1, -0.02)};
     scene.bodies = {wall, probe};
     scene.tools = {tool};

@@ -305,9 +305,8 @@ int sweep_command(const SweepOptions& options) {
     else if (options.engine == "local")
         run_here(jobs, at_once);
     const size_t missing = merge(sweep, out, jobs);
-    char text[256];
-    std::snprintf(text, sizeof text, "%s: %zu runs, %zu were there, %zu failed or missing; table in ", sweep.name.c_str(), jobs.size(),
-                  done, missing);
+    const std::string text =
+        format("%s: %zu runs, %zu were there, %zu failed or missing; table in ", sweep.name.c_str(), jobs.size(), done, missing);
     write_standard_output(options.json ? read_text(out / "sweep.json") : text + (out / "sweep.csv").string() + "\n");
     if (stop_signal() == 0) return missing == 0 ? kDone : kNo;
     std::fprintf(stderr, "trocar: stopped by %s; the same command continues from here\n", name_of_signal(stop_signal()));
