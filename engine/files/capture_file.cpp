@@ -132,38 +132,6 @@ const CaptureArray& find_array(const CaptureRecord& record, const std::string& n
     throw InputError("record " + record.kind + ": array " + name + " is missing");
 }
 
-namespace {
-
-template <typename T>
-void add_value(CaptureRecord& record, const std::string& name, ArrayType type, const T& value) {
-    CaptureArray a{name, type, 1, 1, {}};
-    append(a.bytes, value);
-    record.arrays.push_back(std::move(a));
-}
-template <typename T>
-T read_value(const CaptureRecord& record, const std::string& name, ArrayType type) {
-    const CaptureArray& a = find_array(record, name, type, 1);
-    if (a.rows != 1) throw InputError("record " + record.kind + ": " + name + " is not one number");
-    T value;
-    std::memcpy(&value, a.bytes.data(), sizeof value);
-    return value;
-}
-
-}  // namespace
-
-void add_number(CaptureRecord& record, const std::string& name, uint64_t value) { add_value(record, name, ArrayType::kU64, value); }
-void add_number(CaptureRecord& record, const std::string& name, double value) { add_value(record, name, ArrayType::kF64, value); }
-void add_text(CaptureRecord& record, const std::string& name, const std::string& text) {
-    const std::byte* bytes = reinterpret_cast<const std::byte*>(text.data());
-    record.arrays.push_back({name, ArrayType::kU8, text.size(), 1, {bytes, bytes + text.size()}});
-}
-uint64_t read_u64(const CaptureRecord& record, const std::string& name) { return read_value<uint64_t>(record, name, ArrayType::kU64); }
-double read_f64(const CaptureRecord& record, const std::string& name) { return read_value<double>(record, name, ArrayType::kF64); }
-std::string read_text(const CaptureRecord& record, const std::string& name) {
-    const CaptureArray& a = find_array(record, name, ArrayType::kU8, 1);
-    return {reinterpret_cast<const char*>(a.bytes.data()), a.bytes.size()};
-}
-
 CaptureWriter::CaptureWriter(const std::filesystem::path& path) : path_(path), file_(std::fopen(path.c_str(), "wbe"), std::fclose) {
     if (!file_) throw InputError(path.string() + ": cannot be written: " + std::strerror(errno));
     std::vector<std::byte> header;

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
@@ -6,7 +7,10 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <type_traits>
 #include <vector>
+
+#include "engine/base/error.hpp"
 namespace trocar {
 
 // Element type of a stored array.
@@ -35,13 +39,37 @@ struct CaptureRecord {
 // The array of that name and type with `columns` columns. Throws InputError "record KIND: reason".
 const CaptureArray& find_array(const CaptureRecord& record, const std::string& name, ArrayType type, uint32_t columns);
 
-// Numbers and text as arrays of one row and column; reading throws InputError as find_array.
-void add_number(CaptureRecord& record, const std::string& name, uint64_t value);
-void add_number(CaptureRecord& record, const std::string& name, double value);
-void add_text(CaptureRecord& record, const std::string& name, const std::string& text);
-uint64_t read_u64(const CaptureRecord& record, const std::string& name);
-double read_f64(const CaptureRecord& record, const std::string& name);
-std::string read_text(const CaptureRecord& record, const std::string& name);
+// A number, a text or a list of numbers as an array of one column; reading throws InputError as find_array.
+template <typename T>
+concept Number = std::is_same_v<std::remove_const_t<T>, uint64_t> || std::is_same_v<std::remove_const_t<T>, double>;
+template <Number T>
+std::span<T> elements_in(T& number) {
+    return {&number, 1};
+}
+template <typename List>
+auto elements_in(List& list) -> decltype(std::span(list.data(), list.size())) {
+    return {list.data(), list.size()};
+}
+template <typename T>
+constexpr ArrayType kElementType = sizeof(T) == 1          ? ArrayType::kU8
+                                   : std::is_integral_v<T> ? ArrayType::kU64
+                                                           : ArrayType::kF64;
+
+template <typename T>
+void add_value(CaptureRecord& record, const std::string& name, const T& value) {
+    const auto elements = elements_in(value);
+    const auto bytes = std::as_bytes(elements);
+    record.arrays.push_back(
+        {name, kElementType<typename decltype(elements)::value_type>, elements.size(), 1, {bytes.begin(), bytes.end()}});
+}
+template <typename T>
+void read_value(const CaptureRecord& record, const std::string& name, T& value) {
+    const CaptureArray& a = find_array(record, name, kElementType<typename decltype(elements_in(value))::value_type>, 1);
+    if constexpr (requires { value.resize(1); }) value.resize(a.rows);
+    const auto to = std::as_writable_bytes(elements_in(value));
+    if (to.size() != a.bytes.size()) throw InputError("record " + record.kind + ": " + name + " is not one number");
+    std::copy(a.bytes.begin(), a.bytes.end(), to.begin());
+}
 
 // A capture file: "trocarCP", version, byte-order mark 0x01020304, then records. A record: its kind (8
 // letters), bytes stored, bytes unpacked, a hash of the stored bytes (8 bytes each), then the arrays, zstd.

@@ -41,7 +41,7 @@ fs::path captured_run(const std::string& name, const std::string& triggers, uint
         Frame frame(scene(), {});
         CaptureHeader header;
         header.scene = "balls";
-        header.stage_names = frame.stage_names();
+        header.stages = frame.stage_names();
         FrameRecorder recorder(frame, header, parse_capture_triggers(triggers), folder, most_bytes, passes);
         for (uint32_t i = 0; i < passes; ++i) {
             recorder.before_pass();
@@ -116,7 +116,7 @@ TEST(Capture, ARangeOfPassesRunsAgainToTheBitOnAnyThreads) {
 TEST(Capture, TheWorstPassAndARisingCounterAreKeptWithTheirPast) {
     const fs::path folder = captured_run("worst", "worst,counter=contact_events", 40);
     const Capture worst = open_capture(folder / "worst.cap");
-    EXPECT_NE(worst.reason.find("worst pass"), std::string::npos);
+    EXPECT_NE(worst.header.reason.find("worst pass"), std::string::npos);
     EXPECT_EQ(replay(worst).difference, "");
     std::vector<fs::path> rose;
     for (const auto& entry : fs::directory_iterator(folder))
@@ -162,7 +162,7 @@ TEST(Capture, TissueThatTearsIsKept) {
     std::vector<fs::path> rose(fs::directory_iterator(folder), fs::directory_iterator{});
     ASSERT_EQ(rose.size(), 1u);
     const Capture torn = open_capture(rose.front());
-    EXPECT_NE(torn.reason.find("broken_springs rose"), std::string::npos) << torn.reason;
+    EXPECT_NE(torn.header.reason.find("broken_springs rose"), std::string::npos) << torn.header.reason;
     EXPECT_EQ(replay(torn).difference, "");
     // find the first pass in which a spring broke
     ThreadPool pool(1);
@@ -233,7 +233,7 @@ TEST(Capture, APassThatDiffersNamesStageAndRow) {
         World world = world_at(other, 1);
         world.particles.offset[3].z += 1e-4f;
         stretch.state.arrays.clear();
-        add_number(stretch.state, "pass", stretch.pass);
+        add_value(stretch.state, "pass", stretch.pass);
         save_resources(world, ResourceKind::kState, stretch.state);
         save_resources(world, ResourceKind::kAccounts, stretch.state);
         Frame frame(world_at(other, 1), {});
@@ -333,7 +333,7 @@ TEST(Capture, APassOfALiveRunRunsAgainAsItWas) {
         options.external_ticks = true;
         Frame frame(quick_scene(), options);
         CaptureHeader header;
-        header.scene = "balls", header.live = true, header.stage_names = frame.stage_names();
+        header.scene = "balls", header.live = true, header.stages = frame.stage_names();
         FrameRecorder recorder(frame, header, parse_capture_triggers("0-40"), folder, FrameRecorder::kMostKeptBytes, 42);
         const Vec3d start = frame.world().haptics.state[0].device.position;
         for (int i = 0; i < 42; ++i) {

@@ -6,6 +6,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <cstring>
+#include <sstream>
 #include <utility>
 
 #include "engine/base/error.hpp"
@@ -58,25 +59,67 @@ void parse_trigger(const std::string& word, CaptureTriggers& triggers) {
     }
 }
 
-void add_value(CaptureRecord& record, const std::string& name, uint64_t value) { add_number(record, name, value); }
-void add_value(CaptureRecord& record, const std::string& name, double value) { add_number(record, name, value); }
-void add_value(CaptureRecord& record, const std::string& name, const std::vector<uint64_t>& words) {
-    const std::byte* bytes = reinterpret_cast<const std::byte*>(words.data());
-    record.arrays.push_back({name, ArrayType::kU64, words.size(), 1, {bytes, bytes + words.size() * sizeof(uint64_t)}});
+void add_value(CaptureRecord& record, const std::string& name, bool value) { add_value(record, name, uint64_t{value}); }
+void read_value(const CaptureRecord& record, const std::string& name, bool& value) {
+    uint64_t number = 0;
+    read_value(record, name, number);
+    value = number != 0;
 }
-void read_value(const CaptureRecord& record, const std::string& name, uint64_t& value) { value = read_u64(record, name); }
-void read_value(const CaptureRecord& record, const std::string& name, double& value) { value = read_f64(record, name); }
-void read_value(const CaptureRecord& record, const std::string& name, std::vector<uint64_t>& words) {
-    const CaptureArray& a = find_array(record, name, ArrayType::kU64, 1);
-    words.resize(a.rows);
-    if (a.rows > 0) std::memcpy(words.data(), a.bytes.data(), a.bytes.size());
+
+// One name a line.
+void add_value(CaptureRecord& record, const std::string& name, const std::vector<std::string>& names) {
+    std::string text;
+    for (const std::string& one : names) text += one + "\n";
+    add_value(record, name, text);
+}
+void read_value(const CaptureRecord& record, const std::string& name, std::vector<std::string>& names) {
+    std::string text;
+    read_value(record, name, text);
+    std::istringstream lines(text);
+    for (std::string one; std::getline(lines, one);) names.push_back(one);
+}
+
+// A camera's numbers but its kind, in the order of the file.
+template <typename AnyCamera>
+auto numbers_of(AnyCamera& c) {
+    return std::array{&c.target.x(), &c.target.y(),   &c.target.z(),   &c.azimuth,      &c.elevation,
+                      &c.distance,   &c.position.x(), &c.position.y(), &c.position.z(), &c.field_of_view};
+}
+void add_value(CaptureRecord& record, const std::string& name, const Camera& camera) {
+    std::vector<double> numbers{static_cast<double>(camera.kind)};
+    for (const double* number : numbers_of(camera)) numbers.push_back(*number);
+    add_value(record, name, numbers);
+    record.arrays.back().rows = 1, record.arrays.back().columns = static_cast<uint32_t>(numbers.size());
+}
+void read_value(const CaptureRecord& record, const std::string& name, Camera& camera) {
+    const auto numbers = numbers_of(camera);
+    const CaptureArray& a = find_array(record, name, ArrayType::kF64, 1 + static_cast<uint32_t>(numbers.size()));
+    if (a.rows != 1) throw InputError("record header: camera is not one");
+    double kind = 0;
+    std::memcpy(&kind, a.bytes.data(), sizeof kind);
+    camera.kind = kind == 1 ? CameraKind::kLaparoscope : CameraKind::kOrbit;
+    for (size_t k = 0; k < numbers.size(); ++k) std::memcpy(numbers[k], a.bytes.data() + (1 + k) * sizeof(double), sizeof(double));
+}
+
+template <typename T>
+CaptureRecord make_record(const char* kind, const T& fields) {
+    static_assert(lists_every_member<T>());
+    CaptureRecord record{kind, {}};
+    each_field(fields, [&](const FieldName& field, const auto& value) { add_value(record, key_of(field.name, field.unit), value); });
+    return record;
+}
+template <typename T>
+T read_fields(const CaptureRecord& record) {
+    T fields;
+    each_field(fields, [&](const FieldName& field, auto& value) { read_value(record, key_of(field.name, field.unit), value); });
+    return fields;
 }
 
 // Saves the resources that a replay starts from, reusing the memory of an older record.
 void save_state(const World& world, CaptureRecord& record) {
     record.kind = "state";
     CaptureRecord number;
-    add_number(number, "pass", world.clock.pass);
+    add_value(number, "pass", world.clock.pass);
     if (record.arrays.empty()) record.arrays.emplace_back();
     record.arrays.front() = std::move(number.arrays.front());
     size_t at = 1;
@@ -119,20 +162,19 @@ CaptureTriggers parse_capture_triggers(const std::string& text) {
 }
 
 CaptureRecord to_record(const CaptureStep& step) {
-    static_assert(lists_every_member<CaptureStep>());
-    CaptureRecord r{"step", {}};
-    each_field(step, [&](const FieldName& field, const auto& value) { add_value(r, key_of(field.name, field.unit), value); });
+    CaptureRecord r = make_record("step", step);
     r.arrays.insert(r.arrays.end(), step.input.begin(), step.input.end());
     return r;
 }
 
 CaptureStep read_step(const CaptureRecord& r) {
-    CaptureStep step;
-    each_field(step, [&](const FieldName& field, auto& value) { read_value(r, key_of(field.name, field.unit), value); });
+    CaptureStep step = read_fields<CaptureStep>(r);
     for (const CaptureArray& a : r.arrays)
         if (a.name.starts_with("haptics.")) step.input.push_back(a);
     return step;
 }
+
+CaptureHeader read_header(const CaptureRecord& record) { return read_fields<CaptureHeader>(record); }
 
 FrameRecorder::FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder,
                              size_t most_bytes, uint64_t passes)
@@ -172,30 +214,8 @@ CaptureSignal::~CaptureSignal() { std::signal(SIGUSR1, SIG_DFL); }
 
 std::unique_ptr<CaptureWriter> FrameRecorder::open(const std::string& name, const std::string& reason) {
     auto writer = std::make_unique<CaptureWriter>(folder_ / name);
-    CaptureRecord h{"header", {}};
-    add_text(h, "scene", header_.scene), add_text(h, "version", header_.version);
-    add_text(h, "instruction_set", header_.instruction_set), add_text(h, "machine", header_.machine), add_text(h, "reason", reason);
-    std::string stages;
-    for (const std::string& stage : header_.stage_names) stages += stage + "\n";
-    add_text(h, "stages", stages);
-    const Camera& c = header_.camera;
-    const double camera[] = {static_cast<double>(c.kind),
-                             c.target.x(),
-                             c.target.y(),
-                             c.target.z(),
-                             c.azimuth,
-                             c.elevation,
-                             c.distance,
-                             c.position.x(),
-                             c.position.y(),
-                             c.position.z(),
-                             c.field_of_view};
-    const std::byte* bytes = reinterpret_cast<const std::byte*>(camera);
-    h.arrays.push_back({"camera", ArrayType::kF64, 1, std::size(camera), {bytes, bytes + sizeof camera}});
-    add_number(h, "live", uint64_t{header_.live});
-    add_number(h, "wireframe", uint64_t{header_.picture.wireframe}),
-        add_number(h, "depth_colours", uint64_t{header_.picture.depth_colours});
-    writer->add(h);
+    header_.reason = reason;
+    writer->add(make_record("header", header_));
     writer->add(scene_);
     if (std::find(files_.begin(), files_.end(), name) == files_.end()) files_.push_back(name);
     return writer;
@@ -294,7 +314,6 @@ void FrameRecorder::after_pass(const PassFigures& pass) {
 void FrameRecorder::look_for_triggers(const CaptureStep& step) {
     const Report& now = frame_.world().report;
     const auto rose = [&](const std::string& name) { return *report_counter(now, name) > *report_counter(report_, name); };
-    char reason[96];
     if (triggers_.signal && asked_by_signal) {
         asked_by_signal = 0;
         write(kept_, step.pass, "usr1");
@@ -312,8 +331,7 @@ void FrameRecorder::look_for_triggers(const CaptureStep& step) {
     if (step.pass < kFirstJudged) return;
     if (triggers_.over_ms > 0 && step.frame_ms > triggers_.over_ms && over_ < kMostCaptures) {
         ++over_;
-        std::snprintf(reason, sizeof reason, "over %g ms: %.3f ms", triggers_.over_ms, step.frame_ms);
-        write(kept_, step.pass, reason);
+        write(kept_, step.pass, format("over %g ms: %.3f ms", triggers_.over_ms, step.frame_ms));
     }
     if (triggers_.worst && step.frame_ms > worst_ms_) {
         worst_ms_ = step.frame_ms;
@@ -344,9 +362,7 @@ void FrameRecorder::finish() {
     });
     open_ranges_.clear();
     if (worst_.empty()) return;
-    char reason[64];
-    std::snprintf(reason, sizeof reason, "worst pass %llu: %.3f ms", static_cast<unsigned long long>(worst_pass_), worst_ms_);
-    write(worst_, worst_pass_, reason);
+    write(worst_, worst_pass_, format("worst pass %llu: %.3f ms", static_cast<unsigned long long>(worst_pass_), worst_ms_));
 }
 
 }  // namespace trocar

@@ -54,11 +54,13 @@ CaptureStep read_step(const CaptureRecord& record);
 // What a reader needs in addition to the world.
 struct CaptureHeader {
     std::string scene, version, instruction_set, machine;
-    std::vector<std::string> stage_names;
+    std::string reason;  // trigger that fired
+    std::vector<std::string> stages;
     Camera camera;
-    PictureParams picture;
-    bool live = false;
+    bool live = false, wireframe = false, depth_colours = false;
+    TROCAR_FIELDS(scene, version, instruction_set, machine, reason, stages, camera, live, wireframe, depth_colours);
 };
+CaptureHeader read_header(const CaptureRecord& record);
 
 // Adds all resources of one kind to a record, or restores them from it.
 void save_resources(const World& world, ResourceKind kind, CaptureRecord& record);

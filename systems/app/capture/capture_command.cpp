@@ -30,17 +30,17 @@ const CaptureStep* worst_step(const Capture& capture) {
 
 // The stage that took longest in a pass.
 std::string longest_stage(const Capture& capture, const CaptureStep& step) {
-    const size_t count = std::min(step.stage_ns.size(), capture.header.stage_names.size());
+    const size_t count = std::min(step.stage_ns.size(), capture.header.stages.size());
     if (count == 0) return "";
     const auto longest = std::max_element(step.stage_ns.begin(), step.stage_ns.begin() + static_cast<ptrdiff_t>(count));
-    return format("%s %.3f ms", capture.header.stage_names[static_cast<size_t>(longest - step.stage_ns.begin())].c_str(),
+    return format("%s %.3f ms", capture.header.stages[static_cast<size_t>(longest - step.stage_ns.begin())].c_str(),
                   static_cast<double>(*longest) * 1e-6);
 }
 
 std::string info_json(const Capture& c, const std::optional<PairFigures>& pair) {
     nlohmann::ordered_json out{{"file", c.file},
                                {"scene", c.header.scene},
-                               {"reason", c.reason},
+                               {"reason", c.header.reason},
                                {"version", c.header.version},
                                {"instruction_set", c.header.instruction_set},
                                {"machine", c.header.machine},
@@ -70,7 +70,7 @@ int judge_whole(const Capture& c, int code) {
 void print_info(const Capture& c, const std::optional<PairFigures>& pair) {
     const CaptureHeader& h = c.header;
     write_standard_output(format("%s: scene %s, %s, trocar %s, %s\n  %s%s\n  passes %llu to %llu, %zu states\n", c.file.c_str(),
-                                 h.scene.c_str(), c.reason.c_str(), h.version.c_str(), h.instruction_set.c_str(), h.machine.c_str(),
+                                 h.scene.c_str(), h.reason.c_str(), h.version.c_str(), h.instruction_set.c_str(), h.machine.c_str(),
                                  h.live ? ", live" : "", static_cast<unsigned long long>(c.stretches.front().pass),
                                  static_cast<unsigned long long>(c.stretches.front().pass + c.passes() - (c.passes() > 0)),
                                  c.stretches.size()));

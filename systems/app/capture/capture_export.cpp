@@ -177,7 +177,7 @@ void write_series(const VtpExport& e, const std::string& name) {
 
 std::string capture_csv(const Capture& capture) {
     std::string out = "pass,time_s,frame_ms,detection_ms,response_ms,depth_m,force_n,contacts,inside_vertices,state_hash";
-    for (const std::string& stage : capture.header.stage_names) out += "," + stage + "_ms";
+    for (const std::string& stage : capture.header.stages) out += "," + stage + "_ms";
     out += "\n";
     for (const Capture::Stretch& stretch : capture.stretches) {
         const uint32_t rate = contact_rate_of(stretch);
@@ -201,11 +201,10 @@ std::string capture_trace(const Capture& capture) {
     for (const Capture::Stretch& stretch : capture.stretches) {
         for (const CaptureStep& s : stretch.steps) {
             const double begin = at;
-            for (size_t i = 0; i < s.stage_ns.size() && i < capture.header.stage_names.size(); ++i) {
+            for (size_t i = 0; i < s.stage_ns.size() && i < capture.header.stages.size(); ++i) {
                 const double duration = static_cast<double>(s.stage_ns[i]) * 1e-3;
                 if (duration <= 0) continue;
-                events.push_back(
-                    {{"name", capture.header.stage_names[i]}, {"ph", "X"}, {"pid", 1}, {"tid", 1}, {"ts", at}, {"dur", duration}});
+                events.push_back({{"name", capture.header.stages[i]}, {"ph", "X"}, {"pid", 1}, {"tid", 1}, {"ts", at}, {"dur", duration}});
                 at += duration;
             }
             at = std::max(at, begin + s.frame_ms * 1e3);
@@ -239,7 +238,9 @@ void export_vtp(const Capture& capture, const fs::path& folder, bool per_body) {
 size_t export_pictures(const Capture& capture, const fs::path& folder) {
     prepare_folder(folder);
     const World world = world_at(capture, 0);
-    PictureWriter pictures(capture.header.picture, capture.header.camera, world.meshes, folder);
+    PictureParams params;
+    params.wireframe = capture.header.wireframe, params.depth_colours = capture.header.depth_colours;
+    PictureWriter pictures(params, capture.header.camera, world.meshes, folder);
     replay_capture(capture, {[](void* user, Frame& frame, const CaptureStep&) {
                                  if (frame.times().picture) static_cast<PictureWriter*>(user)->take(frame.world().picture);
                              },

@@ -11,35 +11,9 @@
 namespace trocar {
 namespace {
 
-CaptureHeader read_header(const CaptureRecord& h) {
-    CaptureHeader header;
-    header.scene = read_text(h, "scene"), header.version = read_text(h, "version");
-    header.instruction_set = read_text(h, "instruction_set"), header.machine = read_text(h, "machine");
-    const std::string stages = read_text(h, "stages");
-    for (size_t from = 0; from < stages.size();) {
-        const size_t end = std::min(stages.find('\n', from), stages.size());
-        header.stage_names.push_back(stages.substr(from, end - from));
-        from = end + 1;
-    }
-    constexpr uint32_t kCameraNumbers = 11;
-    const CaptureArray& a = find_array(h, "camera", ArrayType::kF64, kCameraNumbers);
-    if (a.rows != 1) throw InputError("record header: camera is not one");
-    double c[kCameraNumbers];
-    std::memcpy(c, a.bytes.data(), sizeof c);
-    header.camera.kind = c[0] == 1 ? CameraKind::kLaparoscope : CameraKind::kOrbit;
-    header.camera.target = Vec3d(c[1], c[2], c[3]);
-    header.camera.azimuth = c[4], header.camera.elevation = c[5], header.camera.distance = c[6];
-    header.camera.position = Vec3d(c[7], c[8], c[9]);
-    header.camera.field_of_view = c[10];
-    header.picture.wireframe = read_u64(h, "wireframe") != 0;
-    header.picture.depth_colours = read_u64(h, "depth_colours") != 0;
-    header.live = read_u64(h, "live") != 0;
-    return header;
-}
-
 void add_record(const CaptureRecord& record, Capture& capture) {
     if (record.kind == "state") {
-        capture.stretches.push_back({record, read_u64(record, "pass"), {}});
+        read_value(record, "pass", capture.stretches.emplace_back(record).pass);
     } else if (record.kind == "step" && !capture.stretches.empty()) {
         Capture::Stretch& stretch = capture.stretches.back();
         stretch.steps.push_back(read_step(record));
@@ -56,7 +30,7 @@ bool is_compared(Resource r) {
 
 CaptureRecord state_of(const World& world, uint64_t pass) {
     CaptureRecord record{"state", {}};
-    add_number(record, "pass", pass);
+    add_value(record, "pass", pass);
     save_resources(world, ResourceKind::kState, record);
     return record;
 }
@@ -85,7 +59,6 @@ Capture open_capture(const std::filesystem::path& path) {
         if (file.records.size() < 3 || file.records[0].kind != "header" || file.records[1].kind != "scene")
             throw InputError("capture contains no scene and state" + (file.damage.empty() ? "" : ": it " + file.damage));
         capture.header = read_header(file.records[0]);
-        capture.reason = read_text(file.records[0], "reason");
         for (size_t i = 2; i < file.records.size(); ++i) add_record(file.records[i], capture);
         capture.scene = std::move(file.records[1]);
         for (size_t s = 0; s + 1 < capture.stretches.size(); ++s)

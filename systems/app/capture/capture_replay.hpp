@@ -15,7 +15,6 @@ struct Capture {
         std::vector<CaptureStep> steps;
     };
     CaptureHeader header;
-    std::string reason;  // trigger that fired
     CaptureRecord scene;
     std::vector<Stretch> stretches;
     std::string damage;  // empty = complete

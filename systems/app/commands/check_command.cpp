@@ -9,6 +9,7 @@
 #include "engine/files/whole_file.hpp"
 #include "systems/app/console/command_pool.hpp"
 #include "systems/app/console/commands.hpp"
+#include "systems/app/console/format.hpp"
 #include "systems/app/console/load_file.hpp"
 #include "systems/app/console/standard_streams.hpp"
 namespace trocar {
@@ -54,23 +55,17 @@ nlohmann::ordered_json to_json(const std::string& file, const MeshJudgement& j, 
 }
 
 std::string to_text(const std::string& file, const MeshJudgement& j, const Import& import) {
-    char text[1024];
-    std::snprintf(text, sizeof text,
-                  "%s: %s%s%s\n  %u vertices, %u triangles, %u component%s; closed %s, manifold %s, oriented %s; "
-                  "degenerate %u, self-crossing %u\n  volume %.6g, area %.6g, box %.6g x %.6g x %.6g\n",
-                  file.c_str(), admission_name(j.admitted_as), j.reason.empty() ? "" : ": ", j.reason.c_str(), j.vertices, j.triangles,
-                  j.components, j.components == 1 ? "" : "s", j.closed ? "yes" : "no", j.manifold ? "yes" : "no", j.oriented ? "yes" : "no",
-                  j.degenerate, j.self_crossing, j.volume, j.area, j.bbox_max.x() - j.bbox_min.x(), j.bbox_max.y() - j.bbox_min.y(),
-                  j.bbox_max.z() - j.bbox_min.z());
-    std::string all = text;
+    std::string all = format(
+        "%s: %s%s%s\n  %u vertices, %u triangles, %u component%s; closed %s, manifold %s, oriented %s; "
+        "degenerate %u, self-crossing %u\n  volume %.6g, area %.6g, box %.6g x %.6g x %.6g\n",
+        file.c_str(), admission_name(j.admitted_as), j.reason.empty() ? "" : ": ", j.reason.c_str(), j.vertices, j.triangles, j.components,
+        j.components == 1 ? "" : "s", j.closed ? "yes" : "no", j.manifold ? "yes" : "no", j.oriented ? "yes" : "no", j.degenerate,
+        j.self_crossing, j.volume, j.area, j.bbox_max.x() - j.bbox_min.x(), j.bbox_max.y() - j.bbox_min.y(),
+        j.bbox_max.z() - j.bbox_min.z());
     for (const std::string& change : import.changes) all += "  import: " + change + "\n";
     if (import.admitted_as != j.admitted_as) all += std::string("  after import: ") + admission_name(import.admitted_as) + "\n";
     return all + "  unit: perhaps " + guess_unit((j.bbox_max - j.bbox_min).norm()).unit + "\n";
 }
-
-}  // namespace
-
-namespace {
 
 // Builds a scene as `run` does, without running it. Errors are thrown with file and line.
 void check_scene(const std::string& file, bool json) {
@@ -97,7 +92,6 @@ int check_command(const CheckOptions& options) {
                 continue;
             }
             const LoadedMesh loaded = load_file(file);
-            for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
             MeshJudgement judgement = judge_mesh(loaded.mesh, true);
             judgement.vertices += static_cast<uint32_t>(loaded.unused_points);  // count all vertices in the file
             sound = sound && judgement.admitted_as == Admission::kSolid;

@@ -21,7 +21,6 @@ namespace {
 
 uint32_t load_prototype(World& world, const std::string& file) {
     LoadedMesh loaded = load_file(file);
-    for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
     // file units are treated as metres; the mesh is not moved
     const Prototype made = make_prototype(world.meshes, std::move(loaded.mesh), PrototypeOptions{});
     if (made.row == kNone) throw InputError(file + ": " + made.judgement.reason);

@@ -1,9 +1,9 @@
 #include <CLI/CLI.hpp>
-#include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
+#include <memory>
 #include <new>
 #include <numbers>
 
@@ -39,34 +39,12 @@ std::vector<double> parse_numbers(const std::string& option, const std::string& 
 }
 
 // "WxH" in pixels.
-std::array<uint32_t, 2> parse_size(const std::string& text) {
-    std::array<uint32_t, 2> size{};
+void parse_size(const std::string& text, uint32_t& width, uint32_t& height) {
     char end = 0;
-    if (text.find('-') != std::string::npos || std::sscanf(text.c_str(), "%ux%u%c", &size[0], &size[1], &end) != 2 || size[0] == 0 ||
-        size[1] == 0)
+    if (text.find('-') != std::string::npos || std::sscanf(text.c_str(), "%ux%u%c", &width, &height, &end) != 2 || width == 0 ||
+        height == 0)
         throw InputError("--size " + text + ": write WIDTHxHEIGHT in pixels, for example --size 1024x768");
-    return size;
 }
-
-struct Arguments {
-    RunOptions run;
-    CheckOptions check;
-    QueryOptions query;
-    CollideOptions collide;
-    ConvertOptions convert;
-    ViewOptions view;
-    OrganOptions organ;
-    ReplayOptions replay;
-    SoakOptions soak;
-    SweepOptions sweep;
-    CaptureExportOptions capture;
-    DeviceOptions device;
-    std::vector<std::string> capture_files;
-    std::vector<std::string> sets, labels;
-    std::string move_b, rotate_b, size;
-    bool no_render = false, scenes_json = false, capture_json = false, default_said = false;
-    uint32_t threads = 0;
-};
 
 // Splits arguments into labels and file names: the parser passes everything after --label here.
 void take_labels(const std::vector<std::string>& words, OrganOptions& organ) {
@@ -88,41 +66,59 @@ void take_labels(const std::vector<std::string>& words, OrganOptions& organ) {
     if (organ.volume.empty() || organ.out.empty()) throw InputError("organ: expected a volume and an output file; see trocar organ --help");
 }
 
-constexpr uint32_t kMostThreads = 1024;
+// Options that several commands have.
+void add_threads(CLI::App* command, uint32_t& threads) {
+    command->add_option("--threads", threads, "Worker threads (default: all cores); results never depend on it")
+        ->check(CLI::Range(0u, 1024u));
+}
+void add_sets(CLI::App* command, std::vector<Override>& overrides, const char* help) {
+    const auto take = [&overrides](const std::vector<std::string>& texts) {
+        for (const std::string& text : texts) overrides.push_back(parse_override(text));
+    };
+    command->add_option_function<std::vector<std::string>>("--set", take, help);
+}
 
-void add_run(CLI::App& app, Arguments& a) {
+// Has a command end the program with the code that `work` returns. The options of a command live as long as its callback.
+template <typename Options>
+void run_with(CLI::App* command, int& code, const std::shared_ptr<Options>& options, int (*work)(const Options&)) {
+    command->callback([&code, options, work] { code = work(*options); });
+}
+
+void add_run(CLI::App& app, int& code) {
+    const auto o = std::make_shared<RunOptions>();
     CLI::App* run = app.add_subcommand("run", "Simulate a scene: pictures, film, figures, trace");
-    run->add_option("scene", a.run.scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
+    run->add_option("scene", o->scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
     CLI::Option* seconds =
-        run->add_option("--seconds", a.run.seconds, "Simulated time, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
-    run->add_option("--out", a.run.out, "Folder for frames/, film, meshes/, metrics.json, trace.json, report.html");
-    CLI::Option* live = run->add_flag("--live", a.run.live,
+        run->add_option("--seconds", o->seconds, "Simulated time, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
+    run->add_option("--out", o->out, "Folder for frames/, film, meshes/, metrics.json, trace.json, report.html");
+    CLI::Option* live = run->add_flag("--live", o->live,
                                       "Run against the real clock: haptics on their own 1 kHz thread, drawing at low priority; with --out "
                                       "also writes live.recording");
-    run->add_option("--device", a.run.devices,
+    run->add_option("--device", o->devices,
                     "Live: BODY=DEVICE, moves that tool by a device instead of the scene's hand; repeatable; `trocar device list`. Prints "
                     "the samples of each at the end; exit code 1 if one gave no usable sample")
         ->needs(live);
-    run->add_option("--replay", a.run.replay,
+    run->add_option("--replay", o->replay,
                     "Repeat a live run in lockstep from its live.recording, with the same scene and --set; exit code 1 "
                     "unless the result is bit-identical")
         ->excludes(live)
         ->excludes(seconds);
-    run->add_option("--capture", a.run.capture,
+    run->add_option("--capture", o->capture,
                     "Write captures/*.cap into the folder for: 5-25 (contact passes), worst, over=33 (ms), nan, counter=NAME, "
                     "usr1; several joined by commas. worst and over ignore the first eight passes, over and nan write at most ten; read "
                     "them with `trocar capture` and `trocar replay`")
         ->check(CLI::Validator([](const std::string& text) { return std::string(text.empty() ? "it is empty" : ""); }, "TRIGGERS"));
-    run->add_flag("--figures-only", a.run.figures_only, "Write only metrics.json and passes.csv");
-    run->add_flag("--no-render", a.no_render, "Draw no pictures");
-    run->add_option("--set", a.sets,
-                    "Change a key of the scene (liver.tissue.wall=3e-3, contact.tolerance=1e-4; body.KEY: of every deformable body), or a "
-                    "parameter that `trocar scenes` lists: KEY=VALUE, repeatable");
-    run->add_option("--threads", a.threads, "Worker threads (default: all cores); results never depend on it")
-        ->check(CLI::Range(0u, kMostThreads));
-    run->add_option("--export-every", a.run.export_every, "Write every body as OBJ at every n-th picture");
-    run->add_option("--slow-render", a.run.slow_render_ms, "Live: draw each picture repeatedly for this many ms (a stress test)");
-    run->add_flag("--json", a.run.json, "Print metrics.json to standard output");
+    run->add_flag("--figures-only", o->figures_only, "Write only metrics.json and passes.csv");
+    run->add_flag_callback(
+        "--no-render", [o] { o->render = false; }, "Draw no pictures");
+    add_sets(run, o->overrides,
+             "Change a key of the scene (liver.tissue.wall=3e-3, contact.tolerance=1e-4; body.KEY: of every deformable body), or a "
+             "parameter that `trocar scenes` lists: KEY=VALUE, repeatable");
+    add_threads(run, o->threads);
+    run->add_option("--export-every", o->export_every, "Write every body as OBJ at every n-th picture");
+    run->add_option("--slow-render", o->slow_render_ms, "Live: draw each picture repeatedly for this many ms (a stress test)");
+    run->add_flag("--json", o->json, "Print metrics.json to standard output");
+    run_with(run, code, o, run_command);
     run->footer(
         "Example: trocar run probe_on_liver --seconds 2 --set liver.tissue.youngs_modulus=2e4 --out out/probe\n"
         "Ten thousand bodies: trocar run stress_rain --set count=10000 --set seed=7 --no-render\n"
@@ -135,13 +131,15 @@ void add_run(CLI::App& app, Arguments& a) {
         "it), search = own | embree (traversal of Embree's trees; same results), cross_check, contours, regions");
 }
 
-void add_check(CLI::App& app, Arguments& a) {
+void add_check(CLI::App& app, int& code) {
+    const auto o = std::make_shared<CheckOptions>();
     CLI::App* check = app.add_subcommand("check", "Check meshes: closed, manifold, oriented, free of self-crossings");
     check
-        ->add_option("files", a.check.files,
+        ->add_option("files", o->files,
                      "Scenes (.toml), mesh files (.wrl .wrz .x3d .x3dv .iv .obj .stl .ply .off .vtk .gltf .glb .dae .fbx ...)")
         ->required();
-    check->add_flag("--json", a.check.json, "One JSON object per line");
+    check->add_flag("--json", o->json, "One JSON object per line");
+    run_with(check, code, o, check_command);
     check->footer(
         "Example: trocar check liver.wrl kidney.stl --json\nA scene is built without running it; an error names its line. Exit code 1 if a "
         "mesh cannot be admitted as solid.");
@@ -155,37 +153,51 @@ void add_search(CLI::App* command, TreeSearch& search) {
         ->check(CLI::IsMember({"own", "embree"}));
 }
 
-void add_query(CLI::App& app, Arguments& a) {
+void add_query(CLI::App& app, int& code) {
+    const auto o = std::make_shared<QueryOptions>();
     CLI::App* query = app.add_subcommand("query", "Signed distance, closest point, triangle and feature of points");
-    query->add_option("mesh", a.query.mesh, "Mesh file")->required();
-    query->add_option("points", a.query.points, "CSV of x,y,z in file units; - reads standard input")->required();
-    query->add_option("--out", a.query.out, "CSV to write (default: standard output)");
-    query->add_option("--threads", a.threads, "Worker threads (default: all cores)")->check(CLI::Range(0u, kMostThreads));
-    add_search(query, a.query.search);
-    query->add_flag("--cross-check", a.query.cross_check,
+    query->add_option("mesh", o->mesh, "Mesh file")->required();
+    query->add_option("points", o->points, "CSV of x,y,z in file units; - reads standard input")->required();
+    query->add_option("--out", o->out, "CSV to write (default: standard output)");
+    const auto threads = std::make_shared<uint32_t>(0);
+    add_threads(query, *threads);
+    add_search(query, o->search);
+    query->add_flag("--cross-check", o->cross_check,
                     "Compare every sign of a solid with the winding number; prints the number of differences on standard error");
-    query->add_flag("--json", a.query.json, "JSON instead of CSV");
+    query->add_flag("--json", o->json, "JSON instead of CSV");
+    query->callback([&code, o, threads] {
+        CommandPool pool(*threads);
+        pool.run([&] { code = query_command(*o); });
+    });
     query->footer(
         "Example: trocar query liver.obj points.csv --out distances.csv\nColumns: distance,cx,cy,cz,triangle,feature; "
         "distance < 0 inside.");
 }
 
-void add_collide(CLI::App& app, Arguments& a) {
+void add_collide(CLI::App& app, int& code) {
+    const auto o = std::make_shared<CollideOptions>();
     CLI::App* collide = app.add_subcommand("collide", "Contact report of two meshes: overlap, depth, direction, witness, regions");
-    collide->add_option("a", a.collide.a, "First mesh")->required();
-    collide->add_option("b", a.collide.b, "Second mesh")->required();
-    collide->add_option("--move-b", a.move_b, "\"x y z\": translation of B, file units");
-    collide->add_option("--rotate-b", a.rotate_b, "\"ax ay az degrees\": rotation of B about its origin, before the move");
-    collide->add_option("--tolerance", a.collide.tolerance, "Depth tolerance along edges, file units");
-    collide->add_option("--cells", a.collide.cells,
+    collide->add_option("a", o->a, "First mesh")->required();
+    collide->add_option("b", o->b, "Second mesh")->required();
+    const auto move = [o](const std::string& text) { o->move_b = Vec3d(parse_numbers("--move-b", text, 3).data()); };
+    const auto turn = [o](const std::string& text) {
+        const std::vector<double> v = parse_numbers("--rotate-b", text, 4);
+        const Vec3d axis(v.data());
+        if (axis.norm() == 0) throw InputError("--rotate-b \"" + text + "\": the axis has no length");
+        o->rotate_b = from_rotation_vector(axis.normalized() * (v[3] * std::numbers::pi / 180));
+    };
+    collide->add_option_function<std::string>("--move-b", move, "\"x y z\": translation of B, file units");
+    collide->add_option_function<std::string>("--rotate-b", turn, "\"ax ay az degrees\": rotation of B about its origin, before the move");
+    collide->add_option("--tolerance", o->tolerance, "Depth tolerance along edges, file units");
+    collide->add_option("--cells", o->cells,
                         "Write the grid cells that both meshes share: .json (cell, object and primitive layers), .vtp or .png");
-    add_search(collide, a.collide.search);
-    collide->add_flag("--separate", a.collide.separate,
+    add_search(collide, o->search);
+    collide->add_flag("--separate", o->separate,
                       "Search for the shortest translation that separates B from A: proven lower and upper bounds");
-    collide->add_option("--contours", a.collide.contours, "Write the intersection curves of the surfaces to this .obj file, as lines");
-    collide->add_flag("--cross-check", a.collide.cross_check,
-                      "Compare every sign of a solid with the winding number; counts \"disagreements\"");
-    collide->add_flag("--json", a.collide.json, "JSON");
+    collide->add_option("--contours", o->contours, "Write the intersection curves of the surfaces to this .obj file, as lines");
+    collide->add_flag("--cross-check", o->cross_check, "Compare every sign of a solid with the winding number; counts \"disagreements\"");
+    collide->add_flag("--json", o->json, "JSON");
+    run_with(collide, code, o, collide_command);
     collide->footer(
         "Example: trocar collide liver.stl probe.obj --move-b \"0 0 -5\" --json\n"
         "JSON: depth, surface_depth, direction, witness, vertices_a_in_b, vertices_b_in_a, edge_contacts, face_contacts, cells, contained, "
@@ -193,47 +205,58 @@ void add_collide(CLI::App& app, Arguments& a) {
         "direction, witness]; with --separate separation {lower, upper, translation}, with --cross-check disagreements");
 }
 
-void add_convert(CLI::App& app, Arguments& a) {
+void add_convert(CLI::App& app, int& code) {
+    const auto o = std::make_shared<ConvertOptions>();
     CLI::App* convert = app.add_subcommand("convert", "Read a mesh, clean it, write it in another format");
-    convert->add_option("in", a.convert.in, "Mesh file to read")->required();
-    convert->add_option("out", a.convert.out, "File to write: .obj .stl .ply .wrl .vtp by its extension")->required();
-    convert->add_flag("--json", a.convert.json, "JSON");
-    CLI::Option* repair = convert->add_flag("--repair", a.convert.repair,
-                                            "Make it one closed solid and list the changes; exit code 1 and no file if that fails");
-    convert->add_option("--weld", a.convert.weld, "Join vertices nearer than this fraction of the diagonal")->check(CLI::Range(0.0, 0.01));
-    convert->add_option("--hole-size", a.convert.hole_size, "Fill holes up to this fraction of the diagonal (0.2)")
+    convert->add_option("in", o->in, "Mesh file to read")->required();
+    convert->add_option("out", o->out, "File to write: .obj .stl .ply .wrl .vtp by its extension")->required();
+    convert->add_flag("--json", o->json, "JSON");
+    CLI::Option* repair =
+        convert->add_flag("--repair", o->repair, "Make it one closed solid and list the changes; exit code 1 and no file if that fails");
+    convert->add_option("--weld", o->weld, "Join vertices nearer than this fraction of the diagonal")->check(CLI::Range(0.0, 0.01));
+    convert->add_option("--hole-size", o->hole_size, "Fill holes up to this fraction of the diagonal (0.2)")
         ->check(CLI::Range(0.0, 1.0))
         ->needs(repair);
+    run_with(convert, code, o, convert_command);
     convert->footer("Example: trocar convert liver.wrz liver.obj\n         trocar convert --repair scan.ply organ.stl");
 }
 
-void add_view(CLI::App& app, Arguments& a) {
+void add_view(CLI::App& app, int& code) {
+    const auto o = std::make_shared<ViewOptions>();
     CLI::App* view = app.add_subcommand("view", "Draw a mesh or a shape: textured, lit, fitted to the picture");
-    view->add_option("meshes", a.view.sources, "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each")->required();
-    view->add_option("--out", a.view.out, "PNG to write")->required();
-    view->add_option("--size", a.size, "WIDTHxHEIGHT in pixels (default 1024x768)");
-    view->add_option("--azimuth", a.view.azimuth, "Degrees about the up axis; 0 = seen from +x, -90 from -y");
-    view->add_option("--elevation", a.view.elevation, "Degrees above the horizon; 90 = from above");
-    view->add_option("--up", a.view.up, "Axis that points up in the picture: x, y or z (default)")->check(CLI::IsMember({"x", "y", "z"}));
-    view->add_flag("--wireframe", a.view.wireframe, "Edges drawn over the surface");
-    view->add_flag("--sheet", a.view.sheet, "Front, side, top and oblique view in one picture");
+    view->add_option("meshes", o->sources, "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each")->required();
+    view->add_option("--out", o->out, "PNG to write")->required();
+    const auto take_size = [o](const std::string& text) { parse_size(text, o->width, o->height); };
+    view->add_option_function<std::string>("--size", take_size, "WIDTHxHEIGHT in pixels (default 1024x768)");
+    view->add_option("--azimuth", o->azimuth, "Degrees about the up axis; 0 = seen from +x, -90 from -y");
+    view->add_option("--elevation", o->elevation, "Degrees above the horizon; 90 = from above");
+    view->add_option("--up", o->up, "Axis that points up in the picture: x, y or z (default)")->check(CLI::IsMember({"x", "y", "z"}));
+    view->add_flag("--wireframe", o->wireframe, "Edges drawn over the surface");
+    view->add_flag("--sheet", o->sheet, "Front, side, top and oblique view in one picture");
+    run_with(view, code, o, view_command);
     view->footer("Example: trocar view shape:gallbladder:10000 --sheet --out gallbladder.png");
 }
 
-void add_organ(CLI::App& app, Arguments& a) {
+void add_organ(CLI::App& app, int& code) {
+    const auto o = std::make_shared<OrganOptions>();
     CLI::App* organ = app.add_subcommand("organ", "Make closed surfaces and tetrahedra from a segmented image");
-    organ->add_option("volume", a.organ.volume, "NRRD, MetaImage, NIfTI or DICOM file, or a folder of DICOM slices");
-    organ->add_option("out", a.organ.out, "Surface to write: .obj .stl .ply .wrl; with several labels: NAME_<label>.EXTENSION");
-    organ->add_option("--label", a.labels, "Label values, one surface each; default: list the labels in the file")->delimiter(',');
-    organ->add_option("--threshold", a.organ.threshold, "Instead of labels: voxels of at least this value");
-    organ->add_option("--smooth", a.organ.smooth, "Rounds of volume-preserving smoothing (default 10)");
-    organ->add_option("--blur", a.organ.blur, "Blur of the voxels before contouring, in voxels (default 1; 0 keeps steps)");
-    organ->add_option("--triangles", a.organ.triangles, "Simplify to about this many triangles (default: as contoured)");
-    organ->add_flag("--even", a.organ.even, "Even triangles for simulation, instead of the fewest that keep the shape");
-    organ->add_option("--tets", a.organ.tets, "Also fill with tetrahedra on a lattice of this spacing, mm: writes .vtu and .msh");
-    organ->add_flag("--all-pieces", a.organ.all_pieces, "Keep every piece, not only the largest");
-    organ->add_option("--series", a.organ.series, "DICOM series UID, if the folder contains several");
-    organ->add_flag("--json", a.organ.json, "One JSON object per organ");
+    organ->add_option("volume", o->volume, "NRRD, MetaImage, NIfTI or DICOM file, or a folder of DICOM slices");
+    organ->add_option("out", o->out, "Surface to write: .obj .stl .ply .wrl; with several labels: NAME_<label>.EXTENSION");
+    const auto labels = std::make_shared<std::vector<std::string>>();
+    organ->add_option("--label", *labels, "Label values, one surface each; default: list the labels in the file")->delimiter(',');
+    organ->add_option("--threshold", o->threshold, "Instead of labels: voxels of at least this value");
+    organ->add_option("--smooth", o->smooth, "Rounds of volume-preserving smoothing (default 10)");
+    organ->add_option("--blur", o->blur, "Blur of the voxels before contouring, in voxels (default 1; 0 keeps steps)");
+    organ->add_option("--triangles", o->triangles, "Simplify to about this many triangles (default: as contoured)");
+    organ->add_flag("--even", o->even, "Even triangles for simulation, instead of the fewest that keep the shape");
+    organ->add_option("--tets", o->tets, "Also fill with tetrahedra on a lattice of this spacing, mm: writes .vtu and .msh");
+    organ->add_flag("--all-pieces", o->all_pieces, "Keep every piece, not only the largest");
+    organ->add_option("--series", o->series, "DICOM series UID, if the folder contains several");
+    organ->add_flag("--json", o->json, "One JSON object per organ");
+    organ->callback([&code, o, labels] {
+        take_labels(*labels, *o);
+        code = organ_command(*o);
+    });
     organ->footer(
         "Example: trocar organ abdomen_labels.nrrd --label 5 2 organ.obj --triangles 10000 --tets 6\n"
         "writes organ_5.obj, organ_2.obj and their .vtu (ParaView) and .msh (Gmsh 2.2) meshes.\n"
@@ -243,21 +266,22 @@ void add_organ(CLI::App& app, Arguments& a) {
         "Exit code 1 when a surface cannot be admitted as solid.");
 }
 
-void add_soak(CLI::App& app, Arguments& a) {
+void add_soak(CLI::App& app, int& code) {
+    const auto o = std::make_shared<SoakOptions>();
     CLI::App* soak = app.add_subcommand("soak", "Run a scene repeatedly for minutes and test for drift");
-    soak->add_option("scene", a.soak.scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
-    soak->add_option("--minutes", a.soak.minutes, "Duration, minutes (default 10)")->check(CLI::PositiveNumber);
-    soak->add_option("--seconds", a.soak.seconds, "Simulated time of an episode, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
-    soak->add_option("--faults", a.soak.faults,
+    soak->add_option("scene", o->scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
+    soak->add_option("--minutes", o->minutes, "Duration, minutes (default 10)")->check(CLI::PositiveNumber);
+    soak->add_option("--seconds", o->seconds, "Simulated time of an episode, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
+    soak->add_option("--faults", o->faults,
                      "Faults injected into every third episode, in turn: nan, blast (absurd velocities), pause (200 ms between two passes, "
                      "which must change nothing)")
         ->delimiter(',')
         ->check(CLI::IsMember({"nan", "blast", "pause"}));
-    soak->add_option("--out", a.soak.out, "Folder for soak.json, soak.csv, soak.html, captures/");
-    soak->add_option("--set", a.sets, "Change a key of the scene: KEY=VALUE, repeatable");
-    soak->add_option("--threads", a.soak.threads, "Worker threads (default: all cores); results never depend on it")
-        ->check(CLI::Range(0u, kMostThreads));
-    soak->add_flag("--json", a.soak.json, "Print soak.json instead of a line per minute");
+    soak->add_option("--out", o->out, "Folder for soak.json, soak.csv, soak.html, captures/");
+    add_sets(soak, o->overrides, "Change a key of the scene: KEY=VALUE, repeatable");
+    add_threads(soak, o->threads);
+    soak->add_flag("--json", o->json, "Print soak.json instead of a line per minute");
+    run_with(soak, code, o, soak_command);
     soak->footer(
         "Example: trocar soak probe_on_liver --minutes 30 --faults nan,pause --out out/soak\n"
         "Every episode starts from the same state and must end in the same state. Rules: the lower bound of the drift (median\n"
@@ -267,20 +291,21 @@ void add_soak(CLI::App& app, Arguments& a) {
         "become 50 % slower. Exit code 1 with the reason when a rule is broken.");
 }
 
-void add_sweep(CLI::App& app, Arguments& a) {
+void add_sweep(CLI::App& app, int& code) {
+    const auto o = std::make_shared<SweepOptions>();
     CLI::App* sweep = app.add_subcommand(
         "sweep", "Run a scene with every combination of values, locally or on a cluster, and merge the results into one table");
-    sweep->add_option("file", a.sweep.file, "Sweep file")->required();
+    sweep->add_option("file", o->file, "Sweep file")->required();
     sweep
-        ->add_option("--engine", a.sweep.engine,
+        ->add_option("--engine", o->engine,
                      "local (default), parallel (GNU parallel), slurm (an array job), merge (only merge the existing results)")
         ->check(CLI::IsMember({"local", "parallel", "slurm", "merge"}));
-    sweep->add_option("--out", a.sweep.out,
-                      "Folder (default out/sweep_NAME): runs/ with a folder per run, runs.txt, sweep.csv, sweep.json");
-    sweep->add_option("--jobs", a.sweep.jobs, "Concurrent runs (default: cores / threads of a run; slurm: as many as the cluster grants)")
+    sweep->add_option("--out", o->out, "Folder (default out/sweep_NAME): runs/ with a folder per run, runs.txt, sweep.csv, sweep.json");
+    sweep->add_option("--jobs", o->jobs, "Concurrent runs (default: cores / threads of a run; slurm: as many as the cluster grants)")
         ->check(CLI::Range(1, 4096));
-    sweep->add_flag("--dry-run", a.sweep.dry_run, "Print the commands and run none");
-    sweep->add_flag("--json", a.sweep.json, "Print sweep.json");
+    sweep->add_flag("--dry-run", o->dry_run, "Print the commands and run none");
+    sweep->add_flag("--json", o->json, "Print sweep.json");
+    run_with(sweep, code, o, sweep_command);
     sweep->footer(
         "A sweep file:\n"
         "    scene = \"kidney_on_liver\"\n    seconds = 0.5\n    threads = 1\n"
@@ -293,17 +318,22 @@ void add_sweep(CLI::App& app, Arguments& a) {
         "after adding values. Exit code 1 when a run failed; the table shows which and why.");
 }
 
-void add_replay(CLI::App& app, Arguments& a) {
+void add_replay(CLI::App& app, int& code) {
+    const auto o = std::make_shared<ReplayOptions>();
     CLI::App* replay = app.add_subcommand("replay", "Replay a capture and compare, or replay one of its passes many times");
-    replay->add_option("capture", a.replay.file, "A .cap file of `trocar run --capture`")->required();
-    CLI::Option* compare = replay->add_flag("--check", a.default_said, "Compare only (the default)");
-    CLI::Option* frame = replay->add_option("--frame", a.replay.frame, "Contact pass to repeat from its own start")->excludes(compare);
-    replay->add_option("--repeat", a.replay.repeat, "Number of repetitions (default 100)")->needs(frame)->check(CLI::Range(1, 1000000));
-    replay->add_flag("--profile", a.default_said, "Median time of every stage of the pass (the default with --frame)")->needs(frame);
-    replay->add_option("--trace", a.replay.trace, "File to write a trace of the repetitions to")->needs(frame);
-    replay->add_option("--threads", a.replay.threads, "Worker threads (default: all cores); results never depend on it")
-        ->check(CLI::Range(0u, kMostThreads));
-    replay->add_flag("--json", a.replay.json, "JSON");
+    replay->add_option("capture", o->file, "A .cap file of `trocar run --capture`")->required();
+    CLI::Option* compare = replay->add_flag_callback(
+        "--check", [] {}, "Compare only (the default)");
+    CLI::Option* frame = replay->add_option("--frame", o->frame, "Contact pass to repeat from its own start")->excludes(compare);
+    replay->add_option("--repeat", o->repeat, "Number of repetitions (default 100)")->needs(frame)->check(CLI::Range(1, 1000000));
+    replay
+        ->add_flag_callback(
+            "--profile", [] {}, "Median time of every stage of the pass (the default with --frame)")
+        ->needs(frame);
+    replay->add_option("--trace", o->trace, "File to write a trace of the repetitions to")->needs(frame);
+    add_threads(replay, o->threads);
+    replay->add_flag("--json", o->json, "JSON");
+    run_with(replay, code, o, replay_command);
     replay->footer(
         "Example: trocar replay out/captures/worst.cap\n"
         "         trocar replay out/captures/worst.cap --frame 61 --repeat 200\n"
@@ -311,51 +341,60 @@ void add_replay(CLI::App& app, Arguments& a) {
         "whether the pass ends as captured). Also 1 if the capture is incomplete: its readable part is compared.");
 }
 
-void add_capture(CLI::App& app, Arguments& a) {
+void add_capture(CLI::App& app, int& code) {
+    const auto o = std::make_shared<CaptureExportOptions>();
     CLI::App* capture = app.add_subcommand("capture", "Show a capture, compare two, or export for other tools");
     capture->require_subcommand(1);
     CLI::App* info = capture->add_subcommand("info", "Scene, reason, passes, slowest pass and its dearest pair");
-    info->add_option("files", a.capture_files, "Captures")->required();
-    info->add_flag("--json", a.capture_json, "One JSON object per line");
+    const auto files = std::make_shared<std::vector<std::string>>();
+    const auto json = std::make_shared<bool>(false);
+    info->add_option("files", *files, "Captures")->required();
+    info->add_flag("--json", *json, "One JSON object per line");
+    info->callback([&code, files, json] { code = capture_info_command(*files, *json); });
     CLI::App* diff =
         capture->add_subcommand("diff", "First difference of two captures: array, row, body, both values; exit code 1 when there is one");
-    diff->add_option("files", a.capture_files, "Two captures")->required()->expected(2);
+    diff->add_option("files", *files, "Two captures")->required()->expected(2);
+    diff->callback([&code, files] { code = capture_diff_command((*files)[0], (*files)[1]); });
     CLI::App* exported = capture->add_subcommand("export", "Surfaces for ParaView, pictures, a trace, a table");
-    exported->add_option("file", a.capture.file, "Capture")->required();
-    exported->add_option("--vtp", a.capture.vtp,
+    exported->add_option("file", o->file, "Capture")->required();
+    exported->add_option("--vtp", o->vtp,
                          "Folder for bodies_PASS.vtp and bodies.pvd, which ParaView opens: body (named in bodies.csv), depth, contact "
                          "(found at the start of the pass; everything else is from its end), velocity, strain, stress");
-    exported->add_flag("--per-body", a.capture.per_body, "With --vtp: separate BODY_PASS.vtp and BODY.pvd for each body");
-    exported->add_option("--png", a.capture.png, "Folder for frames/*.png");
-    exported->add_option("--trace", a.capture.trace, "Chrome trace (JSON) of the stages of every pass: Perfetto, speedscope");
-    exported->add_option("--csv", a.capture.csv, "CSV with one line per pass");
-    exported->add_option("--threads", a.capture.threads, "Worker threads (default: all cores)")->check(CLI::Range(0u, kMostThreads));
+    exported->add_flag("--per-body", o->per_body, "With --vtp: separate BODY_PASS.vtp and BODY.pvd for each body");
+    exported->add_option("--png", o->png, "Folder for frames/*.png");
+    exported->add_option("--trace", o->trace, "Chrome trace (JSON) of the stages of every pass: Perfetto, speedscope");
+    exported->add_option("--csv", o->csv, "CSV with one line per pass");
+    add_threads(exported, o->threads);
+    run_with(exported, code, o, capture_export_command);
     capture->footer(
         "Example: trocar run kidney_on_liver --out out/k --capture worst,5-25\n"
         "         trocar capture info out/k/captures/*.cap\n"
         "         trocar capture export out/k/captures/worst.cap --vtp out/vtp --csv out/passes.csv");
 }
 
-void add_device(CLI::App& app, Arguments& a) {
+void add_device(CLI::App& app, int& code) {
+    const auto o = std::make_shared<DeviceOptions>();
     CLI::App* device = app.add_subcommand("device", "List, test and record haptic devices");
     device->require_subcommand(1);
     CLI::App* list = device->add_subcommand("list", "Kinds of device connections, and how to name a device");
-    list->add_flag("--json", a.device.json, "JSON");
+    list->add_flag("--json", o->json, "JSON");
     CLI::App* test =
         device->add_subcommand("test", "Listen to a device: rate, intervals, range, dropped samples; exit code 1 if none arrived");
     CLI::App* record =
         device->add_subcommand("record", "Record the motion of a hand as CSV, for `trace = \"FILE\"` of a [[tool]] and trace:FILE");
     for (CLI::App* each : {test, record}) {
-        each->add_option("device", a.device.device, "KIND or KIND:WHERE, see `trocar device list`")->required();
-        each->add_option("--seconds", a.device.seconds, "Duration, s (default 5)")->check(CLI::Range(0.05, 86400.0));
+        each->add_option("device", o->device, "KIND or KIND:WHERE, see `trocar device list`")->required();
+        each->add_option("--seconds", o->seconds, "Duration, s (default 5)")->check(CLI::Range(0.05, 86400.0));
     }
-    test->add_option("--spring", a.device.spring,
-                     "Stiffness of a spring that pulls the hand to its first position, N/m (default: no force)")
+    test->add_option("--spring", o->spring, "Stiffness of a spring that pulls the hand to its first position, N/m (default: no force)")
         ->check(CLI::Range(0.0, 2000.0));
-    test->add_option("--max-force", a.device.max_force, "Largest force of that spring, N (default 2)")->check(CLI::Range(0.0, 50.0));
-    test->add_flag("--json", a.device.json, "JSON");
-    record->add_option("--out", a.device.out, "CSV to write: time,x,y,z,qw,qx,qy,qz,vx,vy,vz,buttons, and grip if the device has one")
+    test->add_option("--max-force", o->max_force, "Largest force of that spring, N (default 2)")->check(CLI::Range(0.0, 50.0));
+    test->add_flag("--json", o->json, "JSON");
+    record->add_option("--out", o->out, "CSV to write: time,x,y,z,qw,qx,qy,qz,vx,vy,vz,buttons, and grip if the device has one")
         ->required();
+    list->callback([&code, o] { code = device_list_command(o->json); });
+    run_with(test, code, o, device_test_command);
+    run_with(record, code, o, device_record_command);
     device->footer(
         "Example: trocar device list\n"
         "         trocar device test udp:7731 --seconds 10          # a device that sends packets to this machine\n"
@@ -366,93 +405,23 @@ void add_device(CLI::App& app, Arguments& a) {
         "address is given. Forces are sent only with --spring, or in a live run.");
 }
 
-void add_scenes(CLI::App& app, Arguments& a) {
+void add_scenes(CLI::App& app, int& code) {
     CLI::App* scenes = app.add_subcommand("scenes", "List the built-in scenes, shapes and tissues");
-    scenes->add_flag("--json", a.scenes_json, "JSON");
+    const auto json = std::make_shared<bool>(false);
+    scenes->add_flag("--json", *json, "JSON");
+    scenes->callback([&code, json] { code = scenes_command(*json); });
     scenes->footer("Example: trocar scenes");
 }
 
-void describe(CLI::App& app, Arguments& a) {
+void describe(CLI::App& app, int& code) {
     app.description("Trocar: virtual surgery, headless. Contact, penetration depth, deformation, 1 kHz haptics.");
     app.set_version_flag("--version", [] { return version_text(); });
     app.require_subcommand(1);
     app.set_help_all_flag("--help-all", "Help of every command");
-    add_run(app, a);
-    add_check(app, a);
-    add_query(app, a);
-    add_collide(app, a);
-    add_convert(app, a);
-    add_view(app, a);
-    add_organ(app, a);
-    add_soak(app, a);
-    add_sweep(app, a);
-    add_replay(app, a);
-    add_capture(app, a);
-    add_device(app, a);
-    add_scenes(app, a);
+    for (const auto add : {add_run, add_check, add_query, add_collide, add_convert, add_view, add_organ, add_soak, add_sweep, add_replay,
+                           add_capture, add_device, add_scenes})
+        add(app, code);
 }
-
-int dispatch(const CLI::App& app, Arguments& a) {
-    if (app.got_subcommand("run")) {
-        for (const std::string& text : a.sets) a.run.overrides.push_back(parse_override(text));
-        a.run.render = !a.no_render;
-        a.run.threads = a.threads;
-        return run_command(a.run);
-    }
-    if (app.got_subcommand("check")) return check_command(a.check);
-    if (app.got_subcommand("query")) {
-        CommandPool pool(a.threads);
-        int code = kFault;
-        pool.run([&] { code = query_command(a.query); });
-        return code;
-    }
-    if (app.got_subcommand("collide")) {
-        if (!a.move_b.empty()) {
-            const std::vector<double> v = parse_numbers("--move-b", a.move_b, 3);
-            a.collide.move_b = Vec3d(v[0], v[1], v[2]);
-        }
-        if (!a.rotate_b.empty()) {
-            const std::vector<double> v = parse_numbers("--rotate-b", a.rotate_b, 4);
-            const Vec3d axis(v[0], v[1], v[2]);
-            if (axis.norm() == 0) throw InputError("--rotate-b \"" + a.rotate_b + "\": the axis has no length");
-            a.collide.rotate_b = from_rotation_vector(axis.normalized() * (v[3] * std::numbers::pi / 180));
-        }
-        return collide_command(a.collide);
-    }
-    if (app.got_subcommand("convert")) return convert_command(a.convert);
-    if (app.got_subcommand("view")) {
-        if (!a.size.empty()) {
-            const std::array<uint32_t, 2> size = parse_size(a.size);
-            a.view.width = size[0];
-            a.view.height = size[1];
-        }
-        return view_command(a.view);
-    }
-    if (app.got_subcommand("organ")) {
-        take_labels(a.labels, a.organ);
-        return organ_command(a.organ);
-    }
-    if (app.got_subcommand("soak")) {
-        for (const std::string& text : a.sets) a.soak.overrides.push_back(parse_override(text));
-        return soak_command(a.soak);
-    }
-    if (app.got_subcommand("sweep")) return sweep_command(a.sweep);
-    if (app.got_subcommand("replay")) return replay_command(a.replay);
-    if (const CLI::App* capture = app.get_subcommand("capture"); capture->parsed()) {
-        if (capture->got_subcommand("info")) return capture_info_command(a.capture_files, a.capture_json);
-        if (capture->got_subcommand("diff")) return capture_diff_command(a.capture_files[0], a.capture_files[1]);
-        return capture_export_command(a.capture);
-    }
-    if (const CLI::App* device = app.get_subcommand("device"); device->parsed()) {
-        if (device->got_subcommand("list")) return device_list_command(a.device.json);
-        return device->got_subcommand("test") ? device_test_command(a.device) : device_record_command(a.device);
-    }
-    return scenes_command(a.scenes_json);
-}
-
-}  // namespace
-
-namespace {
 
 void say_no_memory() { std::fprintf(stderr, "trocar: not enough memory for this: take fewer or coarser bodies, or raise the limit\n"); }
 
@@ -476,8 +445,8 @@ int main(int argc, char** argv) {
     trocar::keep_freed_memory();
     try {
         CLI::App app;
-        Arguments arguments;
-        describe(app, arguments);
+        int code = trocar::kFault;
+        describe(app, code);
         if (argc > 1 && argv[1][0] != '-' &&
             app.get_subcommands([&](const CLI::App* command) { return command->get_name() == argv[1]; }).empty())
             throw trocar::InputError(std::string("there is no command \"") + argv[1] + "\"; trocar --help lists them");
@@ -486,7 +455,7 @@ int main(int argc, char** argv) {
         } catch (const CLI::ParseError& e) {
             return app.exit(e) == 0 ? trocar::kDone : trocar::kUsage;
         }
-        return dispatch(app, arguments);
+        return code;
     } catch (const trocar::InputError& e) {
         std::fprintf(stderr, "trocar: %s\n", trocar::one_line(e.what()).c_str());
         return trocar::kUsage;

@@ -157,11 +157,9 @@ nlohmann::ordered_json to_json(const OrganTask& task, const OrganSurface& organ)
 }
 
 std::string to_text(const OrganTask& task, const OrganSurface& organ) {
-    char line[256];
-    std::snprintf(line, sizeof line, "%s: %s, %llu of %llu voxels, %.2f ml\n", task.out.c_str(), task.name.c_str(),
-                  static_cast<unsigned long long>(organ.voxels_kept), static_cast<unsigned long long>(organ.voxels_selected),
-                  organ.voxel_volume * 1e-3);
-    std::string text = line;
+    std::string text = format("%s: %s, %llu of %llu voxels, %.2f ml\n", task.out.c_str(), task.name.c_str(),
+                              static_cast<unsigned long long>(organ.voxels_kept), static_cast<unsigned long long>(organ.voxels_selected),
+                              organ.voxel_volume * 1e-3);
     for (const OrganStage& s : organ.stages) {
         text +=
             format("  %-16s %8llu triangles, %s, %10.2f ml (%+.3f %%)\n", s.name.c_str(), static_cast<unsigned long long>(s.triangles),

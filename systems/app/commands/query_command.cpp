@@ -127,7 +127,6 @@ uint64_t ask(const ClosestPointTree& tree, const std::vector<Vec3d>& points, std
 
 int query_command(const QueryOptions& options) {
     LoadedMesh loaded = load_file(options.mesh);
-    for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
     const std::vector<uint32_t> file_triangle = drop_repeated_corners(loaded.mesh);
     CleanReport oriented = orient_mesh(loaded.mesh);
     oriented.cavities = 0;  // cavities are oriented correctly already

@@ -220,11 +220,8 @@ std::string soak_html(const Soak& soak, const Drifts& d) {
         resident.y.push_back(e.resident), heap.y.push_back(e.heap), median.y.push_back(e.median_ms), p99.y.push_back(e.p99_ms);
     }
     const auto words = [](const Drift& drift, const char* unit) {
-        char text[128] = "unknown (too few episodes)";
-        if (drift.known)
-            std::snprintf(text, sizeof text, "%+.4f %s per minute, 95 %% between %+.4f and %+.4f", drift.slope, unit, drift.low,
-                          drift.high);
-        return std::string(text);
+        if (!drift.known) return std::string("unknown (too few episodes)");
+        return format("%+.4f %s per minute, 95 %% between %+.4f and %+.4f", drift.slope, unit, drift.low, drift.high);
     };
     return html_page(soak.scene + " soak",
                      "<h1>" + escape_html(soak.scene) + ": " + (soak.broken.empty() ? "sound" : "broken") + "</h1><p>" +
@@ -338,8 +335,8 @@ SoakRun soak_once(const SoakOptions& options) {
         Frame frame(std::move(scene.world), {});
         std::optional<FrameRecorder> recorder;
         if (!options.out.empty()) {
-            CaptureHeader header{soak.scene,          program_version(), instruction_set(), machine_text(),
-                                 frame.stage_names(), scene.camera,      scene.picture,     false};
+            CaptureHeader header{soak.scene, program_version(), instruction_set(), machine_text(), "", frame.stage_names(), scene.camera};
+            header.wireframe = scene.picture.wireframe, header.depth_colours = scene.picture.depth_colours;
             recorder.emplace(frame, std::move(header), CaptureTriggers{}, options.out / "captures");
         }
         Soaker soaker(options, frame, options.seconds > 0 ? options.seconds : file.settings.seconds, recorder ? &*recorder : nullptr);

@@ -1,5 +1,6 @@
 #include "systems/app/console/load_file.hpp"
 
+#include <cstdio>
 #include <filesystem>
 
 #include "content/shapes/mesh_source.hpp"
@@ -8,7 +9,9 @@ namespace trocar {
 
 LoadedMesh load_file(const std::string& file) {
     Progress progress("reading " + std::filesystem::path(file).filename().string());
-    return load_mesh_or_shape(file, [&](double done) { progress.show(done, "read"); });
+    LoadedMesh loaded = load_mesh_or_shape(file, [&](double done) { progress.show(done, "read"); });
+    for (const std::string& warning : loaded.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
+    return loaded;
 }
 
 }  // namespace trocar

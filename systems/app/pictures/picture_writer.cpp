@@ -9,6 +9,7 @@
 #include "engine/base/error.hpp"
 #include "engine/files/image_file.hpp"
 #include "engine/jobs/trace.hpp"
+#include "systems/app/console/format.hpp"
 #include "systems/app/console/progress.hpp"
 #include "systems/app/pictures/video.hpp"
 namespace trocar {
@@ -73,10 +74,8 @@ double PictureWriter::take(const PictureSnapshot& snapshot, double least_ms) {
         ms = static_cast<double>(now_ns() - start) * 1e-6;
     } while (ms < least_ms);
     if (out_.empty()) return ms;
-    char name[32];
-    std::snprintf(name, sizeof name, "frames/%06zu.png", files_.size());
-    save_png(image_, out_ / name);
-    files_.emplace_back(name);
+    files_.push_back(format("frames/%06zu.png", files_.size()));
+    save_png(image_, out_ / files_.back());
     return ms;
 }
 

@@ -124,44 +124,52 @@ std::string force_note(const RunFigures& f) {
 }
 
 std::string time_section(const RunFigures& f) {
-    std::vector<double> t, depth, force, contact_force, frame, kinetic, elastic, gravity, hand, contact, damping, push, balance;
-    for (const PassFigures& p : f.pass) {
-        t.push_back(p.time);
-        depth.push_back(p.depth * 1e3);
-        force.push_back(p.force);
-        contact_force.push_back(p.contact_force);
-        frame.push_back(p.frame_ms);
-        kinetic.push_back(p.energy.kinetic * 1e3);
-        elastic.push_back((p.energy.elastic + p.energy.pressure + p.energy.bending) * 1e3);
-        gravity.push_back(p.energy.gravity * 1e3), hand.push_back(p.energy.work_hand * 1e3);
-        contact.push_back(p.energy.work_contact * 1e3), damping.push_back(p.energy.work_damping * 1e3);
-        push.push_back(p.energy.work_push * 1e3), balance.push_back(p.energy.balance * 1e3);
-    }
+    const auto passes = [&](double PassFigures::*value, double scale = 1) {
+        std::vector<double> v;
+        for (const PassFigures& p : f.pass) v.push_back(p.*value * scale);
+        return v;
+    };
+    const auto mj = [&](double Energy::*term) {
+        std::vector<double> v;
+        for (const PassFigures& p : f.pass) v.push_back(p.energy.*term * 1e3);
+        return v;
+    };
+    const std::vector<double> t = passes(&PassFigures::time);
+    std::vector<double> elastic;
+    for (const PassFigures& p : f.pass) elastic.push_back((p.energy.elastic + p.energy.pressure + p.energy.bending) * 1e3);
     const char* const time = "simulated time, s";
     std::string cards;
-    cards += card(svg_plot({"Penetration depth", time, "mm", {{"deepest pair", t, depth}}}),
+    cards += card(svg_plot({"Penetration depth", time, "mm", {{"deepest pair", t, passes(&PassFigures::depth, 1e3)}}}),
                   "The largest of the shortest distances from a point inside to the other surface, of the deepest pair, "
                   "as found at the start of each pass.");
     if (f.ticks > 0)
-        cards += card(svg_plot({"Force", time, "N", {{"to the hand", t, force}, {"of the tissue on the tool", t, contact_force}}}),
+        cards += card(svg_plot({"Force",
+                                time,
+                                "N",
+                                {{"to the hand", t, passes(&PassFigures::force)},
+                                 {"of the tissue on the tool", t, passes(&PassFigures::contact_force)}}}),
                       force_note(f));
-    cards += card(svg_plot({"Energy", time, "mJ", {{"kinetic", t, kinetic}, {"elastic", t, elastic}, {"gravity", t, gravity}}, false}),
+    cards += card(svg_plot({"Energy",
+                            time,
+                            "mJ",
+                            {{"kinetic", t, mj(&Energy::kinetic)}, {"elastic", t, elastic}, {"gravity", t, mj(&Energy::gravity)}},
+                            false}),
                   "Of all deformable bodies; elastic includes enclosed volumes and bending; gravity relative to the world's "
                   "origin.");
     cards += card(svg_plot({"Work, and balance",
                             time,
                             "mJ",
-                            {{"hand", t, hand},
-                             {"impact", t, contact},
-                             {"damping", t, damping},
-                             {"position correction", t, push},
-                             {"balance", t, balance}},
+                            {{"hand", t, mj(&Energy::work_hand)},
+                             {"impact", t, mj(&Energy::work_contact)},
+                             {"damping", t, mj(&Energy::work_damping)},
+                             {"position correction", t, mj(&Energy::work_push)},
+                             {"balance", t, mj(&Energy::balance)}},
                             false}),
                   "Work on the tissue. Hand: through contact with hands and scripted bodies. Impact: lost in inelastic "
                   "contact and friction. "
                   "Position correction: displacements that remove remaining overlap. Balance: energy minus all work minus "
                   "its value at the start; it should stay at zero.");
-    Plot whole{"Real time per pass, picture included", time, "ms", {{"pass", t, frame}}};
+    Plot whole{"Real time per pass, picture included", time, "ms", {{"pass", t, passes(&PassFigures::frame_ms)}}};
     whole.mark_y = 1000.0 / 30;
     whole.mark_label = "33 ms: one displayed frame";
     whole.cut_outliers = true;
@@ -223,8 +231,9 @@ std::string tool_cards(const RunFigures& f, uint32_t tool) {
     std::vector<double> t, hand, tissue;
     for (const ToolSample& s : f.tool_sample)
         if (s.tool == tool) t.push_back(s.time), hand.push_back(s.force.norm()), tissue.push_back(s.tissue.norm());
-    std::string cards = card(svg_plot({"Force of " + f.tool[tool].body, "time, s", "N", {{"hand", t, hand}, {"tissue", t, tissue}}}),
-                             "On the hand, and of the tissue on the simulated tool, averaged over a contact pass.");
+    std::string cards =
+        card(svg_plot({"Force of " + f.tool[tool].body, "time, s", "N", {{"hand", t, hand}, {"tissue", t, tissue}}}),
+             "On the hand, and of the tissue on the simulated tool, averaged over a contact pass.");
     if (const std::optional<ForceMap> map = force_map(f.tool_sample, tool))
         cards += card(svg_force_map("Force on " + f.tool[tool].body + " by position", *map),
                       "Along its mean direction, seen from the side of the tool. Dark where the tissue below is stiff.");

@@ -16,33 +16,23 @@ constexpr char kMagic[] = "trocarLR";
 constexpr uint64_t kVersion = 5;
 constexpr size_t kHeaderWords = 7, kTickWords = 23;
 
-// Shared by reading and writing: the visitor is called with every field of a tick in order.
-template <typename Tick, typename Visitor>
-void visit_tick(Tick& t, Visitor& visit) {
-    visit(t.tick), visit(t.time), visit(t.tool), visit(t.model_sequence), visit(t.sample.time);
-    for (int i = 0; i < 3; ++i) visit(t.sample.position[i]);
-    visit(t.sample.orientation.w), visit(t.sample.orientation.x), visit(t.sample.orientation.y);
-    visit(t.sample.orientation.z);
-    for (int i = 0; i < 3; ++i) visit(t.sample.velocity[i]);
-    visit(t.sample.buttons), visit(t.sample.grip);
-    for (int i = 0; i < 3; ++i) visit(t.force[i]);
-    for (int i = 0; i < 3; ++i) visit(t.torque[i]);
+// Shared by reading and writing: the visitor is called with every field in order, each one word of the file.
+template <typename Recording, typename Visit>
+void visit_passes(Recording& r, const Visit& visit) {
+    for (size_t pass = 0; pass < r.slip.size(); ++pass) {
+        visit(r.slip[pass]);
+        for (uint32_t t = 0; t < r.tools; ++t) visit(r.taken[pass * r.tools + t]);
+    }
+    for (auto& t : r.tick) {
+        visit(t.tick), visit(t.time), visit(t.tool), visit(t.model_sequence), visit(t.sample.time);
+        for (int i = 0; i < 3; ++i) visit(t.sample.position[i]);
+        visit(t.sample.orientation.w), visit(t.sample.orientation.x), visit(t.sample.orientation.y), visit(t.sample.orientation.z);
+        for (int i = 0; i < 3; ++i) visit(t.sample.velocity[i]);
+        visit(t.sample.buttons), visit(t.sample.grip);
+        for (int i = 0; i < 3; ++i) visit(t.force[i]);
+        for (int i = 0; i < 3; ++i) visit(t.torque[i]);
+    }
 }
-
-struct WordWriter {
-    std::vector<uint64_t>& words;
-    void operator()(double value) { words.push_back(std::bit_cast<uint64_t>(value)); }
-    void operator()(uint64_t value) { words.push_back(value); }
-    void operator()(uint32_t value) { words.push_back(value); }
-};
-
-struct WordReader {
-    std::span<const uint64_t> words;
-    size_t next = 0;
-    void operator()(double& value) { value = std::bit_cast<double>(words[next++]); }
-    void operator()(uint64_t& value) { value = words[next++]; }
-    void operator()(uint32_t& value) { value = static_cast<uint32_t>(words[next++]); }
-};
 
 uint64_t hash_of(std::span<const uint64_t> words) {
     StateHash hash;
@@ -68,20 +58,16 @@ uint64_t scene_hash(const World& world) {
 }
 
 void write_live_recording(const std::filesystem::path& path, const LiveRecording& r) {
-    std::vector<uint64_t> words;
-    words.reserve(kHeaderWords + r.slip.size() * (1 + r.tools) + r.tick.size() * kTickWords + 1);
     uint64_t magic;
     std::memcpy(&magic, kMagic, sizeof magic);
-    WordWriter write{words};
-    for (const uint64_t word :
-         {magic, kVersion, uint64_t{r.tools}, uint64_t{r.slip.size()}, uint64_t{r.tick.size()}, r.start_hash, r.state_hash})
-        write(word);
-    for (size_t pass = 0; pass < r.slip.size(); ++pass) {
-        write(r.slip[pass]);
-        for (uint32_t t = 0; t < r.tools; ++t) write(r.taken[pass * r.tools + t]);
-    }
-    for (const LiveTick& tick : r.tick) visit_tick(tick, write);
-    write(hash_of(words));
+    std::vector<uint64_t> words = {magic, kVersion, r.tools, r.slip.size(), r.tick.size(), r.start_hash, r.state_hash};
+    visit_passes(r, [&](auto value) {
+        if constexpr (std::is_floating_point_v<decltype(value)>)
+            words.push_back(std::bit_cast<uint64_t>(value));
+        else
+            words.push_back(value);
+    });
+    words.push_back(hash_of(words));
     write_whole_file(path, std::as_bytes(std::span<const uint64_t>(words)));
 }
 
@@ -109,15 +95,15 @@ LiveRecording read_live_recording(const std::filesystem::path& path) {
     r.slip.resize(passes);
     r.taken.resize(passes * tools);
     r.tick.resize(ticks);
-    WordReader read{words, kHeaderWords};
-    for (size_t pass = 0; pass < passes; ++pass) {
-        read(r.slip[pass]);
-        for (uint32_t t = 0; t < tools; ++t) read(r.taken[pass * tools + t]);
-    }
-    for (LiveTick& tick : r.tick) {
-        visit_tick(tick, read);
+    size_t next = kHeaderWords;
+    visit_passes(r, [&](auto& value) {
+        if constexpr (std::is_floating_point_v<std::remove_reference_t<decltype(value)>>)
+            value = std::bit_cast<double>(words[next++]);
+        else
+            value = static_cast<std::remove_reference_t<decltype(value)>>(words[next++]);
+    });
+    for (const LiveTick& tick : r.tick)
         if (tick.tool >= tools) fail("recording is inconsistent: a tick of a tool that does not exist");
-    }
     return r;
 }
 

@@ -1,8 +1,7 @@
 #include "systems/app/run/live_replay.hpp"
 
-#include <cstdio>
-
 #include "engine/base/error.hpp"
+#include "systems/app/console/format.hpp"
 #include "systems/app/run/live_run.hpp"
 namespace trocar {
 
@@ -74,16 +73,10 @@ void LiveReplay::keep_models() {
 
 std::string LiveReplay::difference() const {
     const uint64_t hash = state_hash(frame_.world());
-    char text[160];
     if (different_ticks_ > 0)
-        std::snprintf(text, sizeof text, "%llu haptic ticks gave another force or torque, the first at %.3f s",
+        return format("%llu haptic ticks gave another force or torque, the first at %.3f s",
                       static_cast<unsigned long long>(different_ticks_), static_cast<double>(first_different_tick_) * 1e-3);
-    else if (hash != recording_.state_hash)
-        std::snprintf(text, sizeof text, "state hash %016llx, recorded %016llx", static_cast<unsigned long long>(hash),
-                      static_cast<unsigned long long>(recording_.state_hash));
-    else
-        return "";
-    return text;
+    return hash == recording_.state_hash ? "" : "state hash " + hex(hash) + ", recorded " + hex(recording_.state_hash);
 }
 
 }  // namespace trocar

@@ -1,4 +1,3 @@
-#include <sys/utsname.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -18,6 +17,7 @@
 #include "engine/base/error.hpp"
 #include "engine/draw/offscreen.hpp"
 #include "engine/files/whole_file.hpp"
+#include "engine/jobs/real_time.hpp"
 #include "engine/jobs/trace.hpp"
 #include "engine/mesh/surface_mesh.hpp"
 #include "systems/app/capture/capture.hpp"
@@ -46,8 +46,7 @@ constexpr size_t kMostMeshes = 500, kMostTriangles = 1'000'000;
 
 void export_bodies(const World& world, const fs::path& folder, uint64_t picture) {
     prepare_folder(folder);
-    char number[32];
-    std::snprintf(number, sizeof number, "%06llu_", static_cast<unsigned long long>(picture));
+    const std::string number = format("%06llu_", static_cast<unsigned long long>(picture));
     for (uint32_t b = 0; b < world.bodies.mesh.size(); ++b)
         save_mesh(surface_mesh(surfaces_of(world), b), folder / (number + world.bodies.name[b] + ".obj"));
 }
@@ -73,9 +72,10 @@ void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& 
 }
 
 CaptureHeader capture_header(const BuiltScene& scene, const RunFigures& figures) {
-    CaptureHeader header{figures.scene, figures.version, figures.instruction_set,       figures.machine, {},
-                         scene.camera,  scene.picture,   figures.live || figures.replay};
-    for (const StageFigures& stage : figures.stage) header.stage_names.push_back(stage.name);
+    CaptureHeader header{figures.scene, figures.version, figures.instruction_set, figures.machine, "", {}, scene.camera};
+    header.live = figures.live || figures.replay;
+    header.wireframe = scene.picture.wireframe, header.depth_colours = scene.picture.depth_colours;
+    for (const StageFigures& stage : figures.stage) header.stages.push_back(stage.name);
     return header;
 }
 
@@ -333,19 +333,14 @@ std::string capture_text(const RunFigures& f) {
 }
 
 void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) {
-    std::vector<double> total;
-    double depth = 0;
-    for (const PassFigures& p : f.pass) {
-        depth = std::max(depth, p.depth);
-        if (p.contact()) total.push_back(p.detection_ms + p.response_ms);
-    }
+    const ContactColumns contact = contact_columns(f);
     const std::string text = format(
         "%s: %.2f s simulated in %.2f s, built in %.2f s, %u thread%s, %s\n  contact events %zu, %.3f ms mean, %.3f ms p99; "
         "deepest %.2f mm\n"
         "  haptic ticks %llu, largest force %.2f N; state hash %016llx\n",
-        f.scene.c_str(), f.simulated_s, f.wall_s, f.build_s, f.threads, f.threads == 1 ? "" : "s", f.instruction_set.c_str(), total.size(),
-        mean(total), quantile(total, 0.99), depth * 1e3, static_cast<unsigned long long>(f.ticks), f.max_force,
-        static_cast<unsigned long long>(f.state_hash));
+        f.scene.c_str(), f.simulated_s, f.wall_s, f.build_s, f.threads, f.threads == 1 ? "" : "s", f.instruction_set.c_str(),
+        contact.total.size(), mean(contact.total), quantile(contact.total, 0.99), quantile(contact.depth_mm, 1),
+        static_cast<unsigned long long>(f.ticks), f.max_force, static_cast<unsigned long long>(f.state_hash));
     write_standard_output(text + live_text(f) + scale_text(f) + capture_text(f));
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
@@ -421,9 +416,7 @@ std::string machine_text() {
             break;
         }
     }
-    utsname name{};
-    uname(&name);
-    return model + ", " + name.sysname + " " + name.release;
+    return model + ", " + kernel_name();
 }
 
 namespace {
