@@ -2,12 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <cstring>
 #include <nlohmann/json.hpp>
 
 #include "content/write/save_mesh.hpp"
-#include "engine/base/error.hpp"
 #include "engine/files/whole_file.hpp"
 #include "engine/mesh/surface_mesh.hpp"
 #include "engine/tissue/spring_step.hpp"

@@ -1,10 +1,10 @@
 #include "systems/app/commands/cells_file.hpp"
 
-#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
 #include "engine/base/error.hpp"
+#include "engine/base/format.hpp"
 #include "engine/files/image_file.hpp"
 #include "engine/files/whole_file.hpp"
 #include "engine/mesh/surfaces.hpp"
@@ -78,9 +78,7 @@ std::string layers_as_vtp(const Occupancy& o) {
     out += "</CellData>\n<Points>\n";
     array("Float64", "Points", 3, 8 * cells, [&](uint32_t i) {
         const Vec3d p = corner_of(o, i / 8, i % 8, 1);
-        char text[96];
-        std::snprintf(text, sizeof text, "%.17g %.17g %.17g", p.x(), p.y(), p.z());
-        return std::string(text);
+        return format("%.17g %.17g %.17g", p.x(), p.y(), p.z());
     });
     out += "</Points>\n<Polys>\n";
     array("Int32", "connectivity", 1, 6 * cells, [&](uint32_t i) {
@@ -101,7 +99,6 @@ Material colour(const char* name, float r, float g, float b) {
 
 // All bodies in their current positions. Even materials plain; odd ones: triangles in a shared cell.
 Mesh bodies_mesh(const World& world) {
-    const Surfaces s{world.meshes, world.bodies, world.poses, world.particles};
     Mesh mesh;
     mesh.name = "bodies, bright: triangles in shared cells";
     mesh.material = {colour("a", 0.55f, 0.42f, 0.36f), colour("a shared", 0.95f, 0.45f, 0.08f), colour("b", 0.36f, 0.45f, 0.55f),
@@ -115,7 +112,7 @@ Mesh bodies_mesh(const World& world) {
             for (uint32_t p = o.primitive_first[i]; p < o.primitive_first[i + 1]; ++p) shared[o.primitive[p]] = 1;
         }
         const uint32_t first = uint32_t(mesh.position.size());
-        for (uint32_t v = 0; v < view.position.size(); ++v) mesh.position.push_back(vertex_position(s, body, v));
+        for (uint32_t v = 0; v < view.position.size(); ++v) mesh.position.push_back(vertex_position(surfaces_of(world), body, v));
         for (uint32_t t = 0; t < view.triangle.size(); ++t) {
             const Triangle& c = view.triangle[t];
             mesh.triangle.push_back({first + c[0], first + c[1], first + c[2]});

@@ -6,7 +6,6 @@
 #include "content/mend/unit_guess.hpp"
 #include "content/scene/build_scene.hpp"
 #include "engine/base/error.hpp"
-#include "engine/files/whole_file.hpp"
 #include "systems/app/console/command_pool.hpp"
 #include "systems/app/console/commands.hpp"
 #include "systems/app/console/format.hpp"

@@ -4,13 +4,13 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
-#include "engine/base/error.hpp"
 #include "engine/devices/device.hpp"
 #include "engine/devices/link.hpp"
 #include "engine/jobs/real_time.hpp"
 #include "systems/app/console/commands.hpp"
 #include "systems/app/console/format.hpp"
 #include "systems/app/console/standard_streams.hpp"
+#include "systems/app/report/figures.hpp"
 #include "systems/haptics/safety.hpp"
 namespace trocar {
 namespace {
@@ -66,17 +66,11 @@ DeviceFigures listen(DeviceLink& link, const DeviceOptions& options) {
     figures.timing = thread.figures();
     figures.counts = link.counts();
     for (const DeviceState& s : figures.sample) {
-        figures.box.min = figures.box.min.cwiseMin(s.position), figures.box.max = figures.box.max.cwiseMax(s.position);
+        grow(figures.box, s.position);
         figures.fastest = std::max(figures.fastest, s.velocity.norm());
         figures.buttons |= s.buttons;
     }
     return figures;
-}
-
-double percentile(std::vector<double> values, double q) {
-    if (values.empty()) return 0;
-    std::sort(values.begin(), values.end());
-    return values[static_cast<size_t>(std::ceil(q * static_cast<double>(values.size()))) - (q > 0)];
 }
 
 ordered_json to_json(const DeviceLink& link, const DeviceOptions& options, const DeviceFigures& f) {
@@ -87,7 +81,7 @@ ordered_json to_json(const DeviceLink& link, const DeviceOptions& options, const
             {"seconds", options.seconds},
             {"samples", f.sample.size()},
             {"rate_hz", static_cast<double>(f.sample.size()) / options.seconds},
-            {"gap_ms", {{"p50", percentile(f.gap_ms, 0.5)}, {"p99", percentile(f.gap_ms, 0.99)}, {"max", percentile(f.gap_ms, 1)}}},
+            {"gap_ms", {{"p50", quantile(f.gap_ms, 0.5)}, {"p99", quantile(f.gap_ms, 0.99)}, {"max", quantile(f.gap_ms, 1)}}},
             {"extent_m", {extent.x(), extent.y(), extent.z()}},
             {"fastest_m_s", f.fastest},
             {"largest_force_n", f.largest_force},
@@ -100,18 +94,16 @@ ordered_json to_json(const DeviceLink& link, const DeviceOptions& options, const
 }
 
 std::string to_text(const ordered_json& j) {
-    char text[1024];
-    std::snprintf(text, sizeof text,
-                  "%s: %llu samples in %g s, %.0f per second; intervals %.2f ms (p50), %.2f (p99), %.2f (longest)\n"
-                  "  moved through %.1f x %.1f x %.1f mm, fastest %.3f m/s, buttons %#x, largest force %.2f N\n"
-                  "  our tick: period p99 %.0f us, %llu missed, %s\n ",
-                  j["device"].get<std::string>().c_str(), j["samples"].get<unsigned long long>(), j["seconds"].get<double>(),
-                  j["rate_hz"].get<double>(), j["gap_ms"]["p50"].get<double>(), j["gap_ms"]["p99"].get<double>(),
-                  j["gap_ms"]["max"].get<double>(), j["extent_m"][0].get<double>() * 1e3, j["extent_m"][1].get<double>() * 1e3,
-                  j["extent_m"][2].get<double>() * 1e3, j["fastest_m_s"].get<double>(), j["buttons"].get<unsigned>(),
-                  j["largest_force_n"].get<double>(), j["tick"]["period_p99_us"].get<double>(),
-                  j["tick"]["missed"].get<unsigned long long>(), j["tick"]["scheduling"].get<std::string>().c_str());
-    std::string all = text;
+    std::string all = format(
+        "%s: %llu samples in %g s, %.0f per second; intervals %.2f ms (p50), %.2f (p99), %.2f (longest)\n"
+        "  moved through %.1f x %.1f x %.1f mm, fastest %.3f m/s, buttons %#x, largest force %.2f N\n"
+        "  our tick: period p99 %.0f us, %llu missed, %s\n ",
+        j["device"].get<std::string>().c_str(), j["samples"].get<unsigned long long>(), j["seconds"].get<double>(),
+        j["rate_hz"].get<double>(), j["gap_ms"]["p50"].get<double>(), j["gap_ms"]["p99"].get<double>(), j["gap_ms"]["max"].get<double>(),
+        j["extent_m"][0].get<double>() * 1e3, j["extent_m"][1].get<double>() * 1e3, j["extent_m"][2].get<double>() * 1e3,
+        j["fastest_m_s"].get<double>(), j["buttons"].get<unsigned>(), j["largest_force_n"].get<double>(),
+        j["tick"]["period_p99_us"].get<double>(), j["tick"]["missed"].get<unsigned long long>(),
+        j["tick"]["scheduling"].get<std::string>().c_str());
     for (const auto& [name, number] : j["counts"].items())
         if (number.get<uint64_t>() > 0) all += " " + name + " " + std::to_string(number.get<uint64_t>());
     return all + "\n";

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cstdio>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
@@ -9,7 +8,6 @@
 #include "engine/base/error.hpp"
 #include "engine/distance/closest_point.hpp"
 #include "engine/draw/offscreen.hpp"
-#include "engine/files/whole_file.hpp"
 #include "systems/app/console/commands.hpp"
 #include "systems/app/console/format.hpp"
 #include "systems/app/console/standard_streams.hpp"

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -14,7 +13,6 @@
 
 #include "content/scene/build_scene.hpp"
 #include "engine/base/cpu.hpp"
-#include "engine/base/error.hpp"
 #include "engine/files/whole_file.hpp"
 #include "systems/app/capture/capture.hpp"
 #include "systems/app/commands/soak.hpp"

@@ -1,8 +1,6 @@
 #include "systems/app/pictures/mesh_picture.hpp"
 
 #include <algorithm>
-#include <cmath>
-#include <cstdio>
 #include <numbers>
 
 #include "content/mend/admission.hpp"
