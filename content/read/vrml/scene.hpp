@@ -3,7 +3,6 @@
 #include <memory>
 #include <set>
 #include <span>
-#include <unordered_map>
 
 #include "content/read/vrml/node.hpp"
 #include "content/read/vrml/node_types.hpp"
@@ -17,11 +16,16 @@ struct NodeId {
     auto operator<=>(const NodeId&) const = default;
 };
 
+// A PROTO in a file of the scene.
+struct PrototypeId {
+    uint32_t document = 0;
+    uint32_t row = kNone;
+};
+
 // One instance of a PROTO, from which IS takes its values.
 struct Scope {
     NodeId instance;
-    uint32_t document = 0;  // file with the PROTO
-    uint32_t prototype = 0;
+    PrototypeId prototype;
     uint32_t depth = 0;
 };
 
@@ -30,8 +34,7 @@ struct SceneFile {
     Document document;
     Language language = Language::kBoth;  // from its nodes, otherwise from its header
     std::string format;
-    std::vector<Role> role;                                    // one per node
-    std::unordered_map<std::string_view, uint32_t> prototype;  // index of the last PROTO with that name
+    std::vector<Role> role;  // one per node
 };
 
 // A file with the files it inlines, and the warnings so far.
