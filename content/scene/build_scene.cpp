@@ -70,7 +70,7 @@ Mesh load_body_mesh(const SceneFile& scene, const BodySpec& body, Looks looks, s
 // Factor from file units to metres.
 double mesh_scale(const BodySpec& body, const Mesh& mesh) {
     Box box;
-    for (const Vec3d& p : mesh.position) box.min = box.min.cwiseMin(p), box.max = box.max.cwiseMax(p);
+    for (const Vec3d& p : mesh.position) grow(box, p);
     const Vec3d extent = box.max - box.min;
     if (body.size > 0) return body.size / std::max(extent.maxCoeff(), 1e-300);
     if (body.scale > 0) return body.scale;
@@ -81,8 +81,7 @@ Box world_box(const World& world, uint32_t body) {
     const MeshInfo& info = world.meshes.info[world.bodies.mesh[body]];
     Box box;
     for (uint32_t v = 0; v < info.vertices.count; ++v) {
-        const Vec3d p = world.poses.origin[body] + rotate(world.poses.orientation[body], world.meshes.position[info.vertices.first + v]);
-        box.min = box.min.cwiseMin(p), box.max = box.max.cwiseMax(p);
+        grow(box, world.poses.origin[body] + rotate(world.poses.orientation[body], world.meshes.position[info.vertices.first + v]));
     }
     return box;
 }

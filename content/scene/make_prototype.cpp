@@ -15,10 +15,7 @@ namespace {
 Vec3d box_centre(const Mesh& mesh) {
     if (mesh.position.empty()) return Vec3d::Zero();
     Box box;
-    for (const Vec3d& p : mesh.position) {
-        box.min = box.min.cwiseMin(p);
-        box.max = box.max.cwiseMax(p);
-    }
+    for (const Vec3d& p : mesh.position) grow(box, p);
     return 0.5 * (box.min + box.max);
 }
 

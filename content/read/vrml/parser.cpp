@@ -322,14 +322,17 @@ bool read_file_statement(Parser& p, const Token& token) {
     return false;
 }
 
+void read_root_node(Parser& p, const Token& token) {
+    if (token.kind != TokenKind::kWord || !begins_node(p, token)) fail(p, token.offset, "expected a node, found " + shown(p, token));
+    read_node_word(p, token);
+}
+
 void step_file(Parser& p, const Token& token) {
     if (token.kind == TokenKind::kCloseBrace || token.kind == TokenKind::kCloseBracket) {
         return warn(p, token.offset, shown(p, token) + " closes nothing and is passed over");
     }
-    if (token.kind != TokenKind::kWord) fail(p, token.offset, "expected a node, found " + shown(p, token));
-    if (read_statement(p, token) || read_file_statement(p, token)) return;
-    if (!begins_node(p, token)) fail(p, token.offset, "expected a node, found " + shown(p, token));
-    read_node_word(p, token);
+    const bool statement = token.kind == TokenKind::kWord && (read_statement(p, token) || read_file_statement(p, token));
+    if (!statement) read_root_node(p, token);
 }
 
 void step_node(Parser& p, const Token& token) {
@@ -398,10 +401,7 @@ void step_body(Parser& p, const Token& token) {
         p.scopes.pop_back();
         return;
     }
-    if (token.kind != TokenKind::kWord) fail(p, token.offset, "expected a node or '}', found " + shown(p, token));
-    if (read_statement(p, token)) return;
-    if (!begins_node(p, token)) fail(p, token.offset, "expected a node, found " + shown(p, token));
-    read_node_word(p, token);
+    if (token.kind != TokenKind::kWord || !read_statement(p, token)) read_root_node(p, token);
 }
 
 std::string describe_open(const Parser& p) {

@@ -5,7 +5,6 @@
 #include "content/read/vrml/flatten.hpp"
 #include "content/read/vrml/lexer.hpp"
 #include "content/read/vrml/x3d.hpp"
-#include "content/text/local_file.hpp"
 #include "content/text/words.hpp"
 #include "engine/base/error.hpp"
 #include "engine/files/text_file.hpp"
@@ -115,7 +114,7 @@ uint32_t load_file(Scene& scene, uint32_t from, const std::string& url, uint32_t
         return kNone;
     };
     if (scene.file.size() > 1000) return pass_over("more than 1000 files");
-    const LocalFile local = find_local_file(scene.file[0]->document.path.parent_path(), document.path.parent_path(), url);
+    const LocalFile local = find_local_file(scene.roots, document.path.parent_path(), url);
     if (!local.refusal.empty()) return pass_over(local.refusal);
     std::error_code fault;
     const std::string key = fs::canonical(local.path, fault).string();
@@ -240,6 +239,11 @@ std::span<const double> numbers_of(const Value& value, size_t least) {
 
 std::span<const double> numbers_at(const Scene& scene, NodeId id, std::string_view name) {
     return id.node == kNone ? std::span<const double>{} : numbers_of(find_value(scene, id, name));
+}
+
+double number_of(const Scene& scene, NodeId id, std::string_view name, double otherwise) {
+    const std::span<const double> numbers = numbers_of(find_value(scene, id, name), 1);
+    return numbers.empty() ? otherwise : numbers[0];
 }
 
 std::vector<std::string> urls_of(const Value& value) {

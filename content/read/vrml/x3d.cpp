@@ -110,26 +110,17 @@ std::string default_container(const XmlParser& p, uint32_t node) {
     }
     const std::string_view type = text_of(p.document, p.document.node[node].type);
     const Role role = find_node_type(type).role;
-    switch (role) {
-        case Role::kAppearance:
-            return "appearance";
-        case Role::kMaterial:
-            return "material";
-        case Role::kTexture:
-            return "texture";
-        case Role::kTextureTransform:
-            return "textureTransform";
-        case Role::kTextureCoordinate:
-            return "texCoord";
-        case Role::kCoordinate:
-            return "coord";
-        case Role::kColor:
-            return "color";
-        case Role::kElevationGrid:
-        case Role::kExtrusion:
-            return "geometry";
-        default:
-            break;
+    constexpr std::pair<Role, const char*> kContainers[] = {{Role::kAppearance, "appearance"},
+                                                            {Role::kMaterial, "material"},
+                                                            {Role::kTexture, "texture"},
+                                                            {Role::kTextureTransform, "textureTransform"},
+                                                            {Role::kTextureCoordinate, "texCoord"},
+                                                            {Role::kCoordinate, "coord"},
+                                                            {Role::kColor, "color"},
+                                                            {Role::kElevationGrid, "geometry"},
+                                                            {Role::kExtrusion, "geometry"}};
+    for (const auto& [known, container] : kContainers) {
+        if (role == known) return container;
     }
     if (takes_points(role) || is_primitive(role)) return "geometry";
     if (type == "Normal") return "normal";
@@ -293,15 +284,6 @@ void check_size(const XmlParser& p) {
     if (values > kWordLimit) fail(p, 0, more_than(kWordLimit, "attributes"));
 }
 
-}  // namespace
-
-bool looks_like_x3d(std::string_view text) {
-    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);
-    const size_t first = text.find_first_not_of(" \t\r\n");
-    if (first == std::string_view::npos || text[first] != '<') return false;
-    return text.substr(0, kStringLimit).find("<X3D") != std::string_view::npos;
-}
-
 Document parse_x3d(std::string text, std::filesystem::path path) {
     if (text.size() >= kNone) throw InputError(path.string() + ": more text than 32 bits can number");
     XmlParser p;
@@ -326,6 +308,15 @@ Document parse_x3d(std::string text, std::filesystem::path path) {
     const xml_node scene = root.child("Scene");
     p.document.roots = add_refs(p, refs_of(read_children(p, scene ? scene : root)));
     return finish_document(p);
+}
+
+}  // namespace
+
+bool looks_like_x3d(std::string_view text) {
+    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);
+    const size_t first = text.find_first_not_of(" \t\r\n");
+    if (first == std::string_view::npos || text[first] != '<') return false;
+    return text.substr(0, kStringLimit).find("<X3D") != std::string_view::npos;
 }
 
 Document read_document(std::string text, std::filesystem::path path, const LoadProgress& progress) {

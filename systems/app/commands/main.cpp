@@ -90,6 +90,15 @@ void take_labels(const std::vector<std::string>& words, OrganOptions& organ) {
 
 constexpr uint32_t kMostThreads = 1024;
 
+void add_root(CLI::App* command, FileRoots& roots) {
+    command
+        ->add_option(
+            "--root", roots,
+            "Folder whose files a mesh file may name (Inline, EXTERNPROTO, textures, materials) besides those below its own; names "
+            "are looked for there, too; repeatable")
+        ->allow_extra_args(false);
+}
+
 void add_run(CLI::App& app, Arguments& a) {
     CLI::App* run = app.add_subcommand("run", "Simulate a scene: pictures, film, figures, trace");
     run->add_option("scene", a.run.scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
@@ -141,6 +150,7 @@ void add_check(CLI::App& app, Arguments& a) {
         ->add_option("files", a.check.files,
                      "Scenes (.toml), mesh files (.wrl .wrz .x3d .x3dv .iv .obj .stl .ply .off .vtk .gltf .glb .dae .fbx ...)")
         ->required();
+    add_root(check, a.check.roots);
     check->add_flag("--json", a.check.json, "One JSON object per line");
     check->footer(
         "Example: trocar check liver.wrl kidney.stl --json\nA scene is built without running it; an error names its line. Exit code 1 if a "
@@ -159,6 +169,7 @@ void add_query(CLI::App& app, Arguments& a) {
     CLI::App* query = app.add_subcommand("query", "Signed distance, closest point, triangle and feature of points");
     query->add_option("mesh", a.query.mesh, "Mesh file")->required();
     query->add_option("points", a.query.points, "CSV of x,y,z in file units; - reads standard input")->required();
+    add_root(query, a.query.roots);
     query->add_option("--out", a.query.out, "CSV to write (default: standard output)");
     query->add_option("--threads", a.threads, "Worker threads (default: all cores)")->check(CLI::Range(0u, kMostThreads));
     add_search(query, a.query.search);
@@ -179,6 +190,7 @@ void add_collide(CLI::App& app, Arguments& a) {
     collide->add_option("--tolerance", a.collide.tolerance, "Depth tolerance along edges, file units");
     collide->add_option("--cells", a.collide.cells,
                         "Write the grid cells that both meshes share: .json (cell, object and primitive layers), .vtp or .png");
+    add_root(collide, a.collide.roots);
     add_search(collide, a.collide.search);
     collide->add_flag("--separate", a.collide.separate,
                       "Search for the shortest translation that separates B from A: proven lower and upper bounds");
@@ -197,6 +209,7 @@ void add_convert(CLI::App& app, Arguments& a) {
     CLI::App* convert = app.add_subcommand("convert", "Read a mesh, clean it, write it in another format");
     convert->add_option("in", a.convert.in, "Mesh file to read")->required();
     convert->add_option("out", a.convert.out, "File to write: .obj .stl .ply .wrl .vtp by its extension")->required();
+    add_root(convert, a.convert.roots);
     convert->add_flag("--json", a.convert.json, "JSON");
     CLI::Option* repair = convert->add_flag("--repair", a.convert.repair,
                                             "Make it one closed solid and list the changes; exit code 1 and no file if that fails");
@@ -210,6 +223,7 @@ void add_convert(CLI::App& app, Arguments& a) {
 void add_view(CLI::App& app, Arguments& a) {
     CLI::App* view = app.add_subcommand("view", "Draw a mesh or a shape: textured, lit, fitted to the picture");
     view->add_option("meshes", a.view.sources, "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each")->required();
+    add_root(view, a.view.roots);
     view->add_option("--out", a.view.out, "PNG to write")->required();
     view->add_option("--size", a.size, "WIDTHxHEIGHT in pixels (default 1024x768)");
     view->add_option("--azimuth", a.view.azimuth, "Degrees about the up axis; 0 = seen from +x, -90 from -y");
@@ -223,8 +237,12 @@ void add_view(CLI::App& app, Arguments& a) {
 void add_organ(CLI::App& app, Arguments& a) {
     CLI::App* organ = app.add_subcommand("organ", "Make closed surfaces and tetrahedra from a segmented image");
     organ->add_option("volume", a.organ.volume, "NRRD, MetaImage, NIfTI or DICOM file, or a folder of DICOM slices");
-    organ->add_option("out", a.organ.out, "Surface to write: .obj .stl .ply .wrl; with several labels: NAME_<label>.EXTENSION");
+    organ->add_option("out", a.organ.out, "Surface to write: .obj .stl .ply .wrl; with several labels or segments: NAME_<label>.EXTENSION");
     organ->add_option("--label", a.labels, "Label values, one surface each; default: list the labels in the file")->delimiter(',');
+    organ
+        ->add_option("--segment", a.organ.segments,
+                     "Instead of labels: names of segments in a .seg.nrrd, one surface each, repeatable; default: list them")
+        ->allow_extra_args(false);
     organ->add_option("--threshold", a.organ.threshold, "Instead of labels: voxels of at least this value");
     organ->add_option("--smooth", a.organ.smooth, "Rounds of volume-preserving smoothing (default 10)");
     organ->add_option("--blur", a.organ.blur, "Blur of the voxels before contouring, in voxels (default 1; 0 keeps steps)");
@@ -233,6 +251,8 @@ void add_organ(CLI::App& app, Arguments& a) {
     organ->add_option("--tets", a.organ.tets, "Also fill with tetrahedra on a lattice of this spacing, mm: writes .vtu and .msh");
     organ->add_flag("--all-pieces", a.organ.all_pieces, "Keep every piece, not only the largest");
     organ->add_option("--series", a.organ.series, "DICOM series UID, if the folder contains several");
+    organ->add_option("--frame", a.organ.frame, "Of NIfTI: sform or qform (default: the sform if its code is above 0, else the qform)")
+        ->check(CLI::IsMember({"sform", "qform"}));
     organ->add_flag("--json", a.organ.json, "One JSON object per organ");
     organ->footer(
         "Example: trocar organ abdomen_labels.nrrd --label 5 2 organ.obj --triangles 10000 --tets 6\n"
