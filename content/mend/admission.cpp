@@ -18,8 +18,7 @@ void measure(const Mesh& mesh, MeshJudgement& out) {
     for (const Triangle& t : mesh.triangle) {
         for (const uint32_t v : t) {
             used[v] = 1;
-            box.min = box.min.cwiseMin(mesh.position[v]);
-            box.max = box.max.cwiseMax(mesh.position[v]);
+            grow(box, mesh.position[v]);
         }
     }
     out.unused_vertices = static_cast<uint32_t>(std::count(used.begin(), used.end(), 0));

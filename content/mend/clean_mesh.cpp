@@ -7,6 +7,7 @@
 #include <numeric>
 
 #include "content/mend/admission.hpp"
+#include "content/mend/mesh_box.hpp"
 #include "content/mend/orientation.hpp"
 #include "engine/base/check.hpp"
 #include "engine/base/disjoint_sets.hpp"
@@ -49,13 +50,14 @@ CellKey exact_cell(const Vec3d& p) {
     return {std::bit_cast<uint64_t>(p.x() + 0.0), std::bit_cast<uint64_t>(p.y() + 0.0), std::bit_cast<uint64_t>(p.z() + 0.0)};
 }
 
+// Open addressing without the keys, which the positions are: files of facets have millions of them.
 std::vector<uint32_t> map_equal(const std::vector<Vec3d>& position) {
-    std::vector<uint32_t> to(position.size());
-    CellHash cells(position.size());
+    std::vector<uint32_t> to(position.size()), first(std::bit_ceil(2 * position.size() + 2), kNone);
     for (uint32_t v = 0; v < position.size(); ++v) {
-        uint32_t& first = cells.find(exact_cell(position[v]));
-        if (first == kNone) first = v;
-        to[v] = first;
+        size_t slot = hash_cell(exact_cell(position[v])) & (first.size() - 1);
+        while (first[slot] != kNone && position[first[slot]] != position[v]) slot = (slot + 1) & (first.size() - 1);
+        if (first[slot] == kNone) first[slot] = v;
+        to[v] = first[slot];
     }
     return to;
 }
@@ -84,15 +86,6 @@ std::vector<uint32_t> map_near(const std::vector<Vec3d>& position, const Box& bo
         first = v;
     }
     return to;
-}
-
-Box box_of(const std::vector<Vec3d>& position) {
-    Box box;
-    for (const Vec3d& p : position) {
-        box.min = box.min.cwiseMin(p);
-        box.max = box.max.cwiseMax(p);
-    }
-    return box;
 }
 
 uint32_t drop_repeated_index_faces(Mesh& mesh) {
@@ -285,7 +278,8 @@ uint32_t drop_faces(Mesh& mesh, const std::vector<uint8_t>& dropped) {
 }
 
 uint32_t weld_vertices(Mesh& mesh, double tolerance) {
-    const std::vector<uint32_t> to = tolerance > 0 ? map_near(mesh.position, box_of(mesh.position), tolerance) : map_equal(mesh.position);
+    const std::vector<uint32_t> to =
+        tolerance > 0 ? map_near(mesh.position, box_of_points(mesh.position), tolerance) : map_equal(mesh.position);
     for (Triangle& t : mesh.triangle) t = {to[t[0]], to[t[1]], to[t[2]]};
     uint32_t joined = 0;
     for (uint32_t v = 0; v < to.size(); ++v) joined += to[v] != v;
@@ -298,7 +292,7 @@ CleanReport clean_mesh(Mesh& mesh, const CleanParams& params) {
     report.triangles_before = report.triangles_after = static_cast<uint32_t>(mesh.triangle.size());
     report.refused = !find_bad_element(mesh).empty();
     if (report.refused) return report;
-    const Box box = box_of(mesh.position);
+    const Box box = box_of_points(mesh.position);
     const double diagonal = mesh.position.empty() ? 0 : (box.max - box.min).norm();
     const std::vector<Triangle> before = mesh.triangle;
     report.welded_vertices = weld_vertices(mesh, params.weld_tolerance * diagonal);

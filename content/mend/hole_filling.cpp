@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 
+#include "content/mend/mesh_box.hpp"
 #include "engine/geometry/edge_table.hpp"
 namespace trocar {
 namespace {
@@ -136,10 +137,7 @@ void add_faces(Mesh& mesh, const std::vector<Triangle>& added, const std::vector
 
 double diagonal_of(const Mesh& mesh, const std::vector<uint32_t>& rim) {
     Box box;
-    for (const uint32_t v : rim) {
-        box.min = box.min.cwiseMin(mesh.position[v]);
-        box.max = box.max.cwiseMax(mesh.position[v]);
-    }
+    for (const uint32_t v : rim) grow(box, mesh.position[v]);
     return (box.max - box.min).norm();
 }
 
@@ -147,11 +145,7 @@ double diagonal_of(const Mesh& mesh, const std::vector<uint32_t>& rim) {
 
 HoleReport fill_holes(Mesh& mesh, const HoleLimits& limits) {
     HoleReport report;
-    Box box;
-    for (const Vec3d& p : mesh.position) {
-        box.min = box.min.cwiseMin(p);
-        box.max = box.max.cwiseMax(p);
-    }
+    const Box box = box_of_points(mesh.position);
     if (mesh.triangle.empty()) return report;
     const double most = limits.diagonal * (box.max - box.min).norm();
     const EdgeTable table = make_edge_table(mesh.triangle, static_cast<uint32_t>(mesh.position.size()));

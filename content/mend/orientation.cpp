@@ -73,10 +73,7 @@ std::vector<Piece> gather_pieces(const Mesh& mesh, const EdgeTable& table) {
         if (lowest == t) pieces.emplace_back();
         Piece& piece = pieces[piece_of[t]];
         piece.face.push_back(t);
-        for (const uint32_t v : mesh.triangle[t]) {
-            piece.box.min = piece.box.min.cwiseMin(mesh.position[v]);
-            piece.box.max = piece.box.max.cwiseMax(mesh.position[v]);
-        }
+        for (const uint32_t v : mesh.triangle[t]) grow(piece.box, mesh.position[v]);
     }
     for (uint32_t e = 0; e < table.edge.size(); ++e) {
         for_each_balance(mesh, table, e, sets, use, [&](uint32_t set, int balance) { pieces[piece_of[set]].closed &= balance == 0; });

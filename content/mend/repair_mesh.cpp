@@ -36,6 +36,7 @@ void clean(Mesh& mesh, double weld_tolerance, RepairReport& report) {
 
 void split(Mesh& mesh, RepairReport& report) {
     const SplitReport split = split_fans(mesh, kApart);
+    say(report, split.halved, "edge halved to part its faces", "edges halved to part their faces");
     say(report, split.edges, "edge of three faces or more taken apart", "edges of three faces or more taken apart");
     say(report, split.vertices, "vertex added where parts touched", "vertices added where parts touched");
 }

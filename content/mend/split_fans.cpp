@@ -47,26 +47,89 @@ void match_around(const std::vector<Spoke>& spokes, const Join& join) {
     }
 }
 
+// The edges of a mesh, and the sets of corners that stay together at a vertex.
+struct CornerFans {
+    EdgeTable table;
+    std::vector<uint32_t> sets;
+};
+
+uint32_t next_corner(uint32_t c) { return c / 3 * 3 + (c + 1) % 3; }
+
+CornerFans join_fans(const Mesh& mesh) {
+    CornerFans fans{make_edge_table(mesh.triangle, static_cast<uint32_t>(mesh.position.size())),
+                    make_sets(static_cast<uint32_t>(3 * mesh.triangle.size()))};
+    const auto join = [&](uint32_t h, uint32_t g) {
+        if (half_edge_start(mesh.triangle, h) == half_edge_start(mesh.triangle, g)) return;  // orientations disagree: stays a boundary
+        join_sets(fans.sets, h, next_corner(g));
+        join_sets(fans.sets, next_corner(h), g);
+    };
+    for (uint32_t e = 0; e < fans.table.edge.size(); ++e) {
+        const auto users = fans.table.users(e);
+        if (users.size() == 2) join(users[0], users[1]);
+        if (users.size() > 2) match_around(sort_around(mesh, fans.table, e), join);
+    }
+    return fans;
+}
+
+// Whether more than two faces of an edge lie in the same fans at both its ends.
+bool cannot_be_parted(const Mesh& mesh, CornerFans& fans, uint32_t e) {
+    std::vector<std::array<uint32_t, 2>> ends;
+    for (const uint32_t h : fans.table.users(e)) {
+        std::array<uint32_t, 2> end{find_set(fans.sets, h), find_set(fans.sets, next_corner(h))};
+        if (half_edge_start(mesh.triangle, h) != fans.table.edge[e][0]) std::swap(end[0], end[1]);
+        ends.push_back(end);
+    }
+    std::sort(ends.begin(), ends.end());
+    for (size_t i = 2; i < ends.size(); ++i) {
+        if (ends[i] == ends[i - 2]) return true;
+    }
+    return false;
+}
+
+// Divides the face of a half-edge at the vertex `middle` of its edge.
+void halve_face(Mesh& mesh, uint32_t h, uint32_t middle) {
+    const uint32_t t = h / 3, k = h % 3, next = (k + 1) % 3;
+    mesh.triangle.push_back(mesh.triangle[t]);
+    mesh.triangle.back()[k] = mesh.triangle[t][next] = middle;
+    if (!mesh.triangle_material.empty()) mesh.triangle_material.push_back(uint16_t{mesh.triangle_material[t]});
+    if (mesh.uv.empty()) return;
+    std::array<Vec2, 3> row = mesh.uv[t];
+    const Vec2 uv{(row[k].u + row[next].u) / 2, (row[k].v + row[next].v) / 2};
+    mesh.uv[t][next] = row[k] = uv;
+    mesh.uv.push_back(row);
+}
+
+// Halves edges that cannot be parted, at most one of a face. Returns their number.
+uint32_t halve_edges(Mesh& mesh, CornerFans& fans) {
+    std::vector<uint8_t> halved(mesh.triangle.size(), 0);
+    uint32_t count = 0;
+    for (uint32_t e = 0; e < fans.table.edge.size(); ++e) {
+        const auto users = fans.table.users(e);
+        if (users.size() <= 2 || std::any_of(users.begin(), users.end(), [&](uint32_t h) { return halved[h / 3]; })) continue;
+        if (!cannot_be_parted(mesh, fans, e)) continue;
+        const auto [a, b] = fans.table.edge[e];
+        mesh.position.push_back((mesh.position[a] + mesh.position[b]) / 2);
+        for (const uint32_t h : users) {
+            halved[h / 3] = 1;
+            halve_face(mesh, h, static_cast<uint32_t>(mesh.position.size() - 1));
+        }
+        ++count;
+    }
+    return count;
+}
+
 }  // namespace
 
 SplitReport split_fans(Mesh& mesh, double apart) {
     SplitReport report;
-    const uint32_t corners = static_cast<uint32_t>(3 * mesh.triangle.size());
-    const EdgeTable table = make_edge_table(mesh.triangle, static_cast<uint32_t>(mesh.position.size()));
-    std::vector<uint32_t> sets = make_sets(corners);
-    const auto join = [&](uint32_t h, uint32_t g) {
-        const auto next = [](uint32_t c) { return c / 3 * 3 + (c + 1) % 3; };
-        if (half_edge_start(mesh.triangle, h) == half_edge_start(mesh.triangle, g)) return;  // orientations disagree: stays a boundary
-        join_sets(sets, h, next(g));
-        join_sets(sets, next(h), g);
-    };
-    for (uint32_t e = 0; e < table.edge.size(); ++e) {
-        const auto users = table.users(e);
-        if (users.size() == 2) join(users[0], users[1]);
-        if (users.size() <= 2) continue;
-        ++report.edges;
-        match_around(sort_around(mesh, table, e), join);
+    CornerFans fans = join_fans(mesh);
+    while (const uint32_t halved = halve_edges(mesh, fans)) {
+        report.halved += halved;
+        fans = join_fans(mesh);
     }
+    std::vector<uint32_t>& sets = fans.sets;
+    const uint32_t corners = static_cast<uint32_t>(3 * mesh.triangle.size());
+    for (uint32_t e = 0; e < fans.table.edge.size(); ++e) report.edges += fans.table.users(e).size() > 2;
     // the fan with the lowest face keeps the vertex
     const uint32_t before = static_cast<uint32_t>(mesh.position.size());
     std::vector<uint32_t> fan_of_vertex(before, kNone), vertex_of_fan(corners, kNone);

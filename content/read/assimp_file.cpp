@@ -20,14 +20,14 @@ ChildLimits limits_for(size_t bytes) {
 }
 
 // Loads textures embedded in the file or stored beside it.
-void load_pictures(MeshStream& stream, const std::filesystem::path& path) {
+void load_pictures(MeshStream& stream, const std::filesystem::path& path, const FileRoots& roots) {
     for (size_t m = 0; m < stream.mesh.material.size(); ++m) {
         Material& material = stream.mesh.material[m];
         if (material.texture.empty()) continue;
         std::string trouble;
         try {
             if (stream.picture[m].empty()) {
-                trouble = load_texture(path.parent_path(), path.parent_path(), material);
+                trouble = load_texture(roots, path.parent_path(), material);
             } else {
                 material.image = decode_image(stream.picture[m], "texture '" + material.texture + "' inside the file");
             }
@@ -40,7 +40,7 @@ void load_pictures(MeshStream& stream, const std::filesystem::path& path) {
 
 }  // namespace
 
-LoadedMesh read_with_assimp(std::string_view bytes, const std::filesystem::path& path) {
+LoadedMesh read_with_assimp(std::string_view bytes, const std::filesystem::path& path, const FileRoots& roots) {
     const std::filesystem::path program = find_helper_program(kAssimpReader);
     if (program.empty()) {
         throw InputError(path.string() + ": not a format this program reads itself, and " + kAssimpReader +
@@ -58,7 +58,7 @@ LoadedMesh read_with_assimp(std::string_view bytes, const std::filesystem::path&
     if (!trouble.empty()) throw InputError(path.string() + ": its reader " + trouble);
     try {
         MeshStream stream = decode_mesh_stream(result.output);
-        load_pictures(stream, path);
+        load_pictures(stream, path, roots);
         for (std::string& warning : stream.warnings) warning = path.string() + ": " + warning;
         return {std::move(stream.mesh), std::move(stream.warnings), std::move(stream.format)};
     } catch (const InputError& error) {

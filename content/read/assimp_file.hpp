@@ -12,6 +12,6 @@ namespace trocar {
 // triangulates polygons, drops animation. Coordinates are rounded to 32-bit floats (Debian's build of
 // assimp); a warning says so. Not welded. Throws InputError "file: reason", also if the child crashed,
 // exceeded its limits or returned invalid data.
-LoadedMesh read_with_assimp(std::string_view bytes, const std::filesystem::path& path);
+LoadedMesh read_with_assimp(std::string_view bytes, const std::filesystem::path& path, const FileRoots& roots);
 
 }  // namespace trocar

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "content/mend/weld_exact.hpp"
+#include "content/mend/clean_mesh.hpp"
 #include "content/read/assimp_file.hpp"
 #include "content/read/obj_file.hpp"
 #include "content/read/off_file.hpp"
@@ -11,6 +11,7 @@
 #include "content/read/vrml/flatten.hpp"
 #include "content/read/vrml/x3d.hpp"
 #include "content/read/vtk_file.hpp"
+#include "content/read/vtp_file.hpp"
 #include "content/text/words.hpp"
 #include "engine/base/error.hpp"
 #include "engine/files/text_file.hpp"
@@ -48,13 +49,17 @@ bool looks_like_ascii_stl(std::string_view text) {
 // One format: detection and reader. The reader may keep the bytes.
 struct Reader {
     bool (*is_it)(std::string_view bytes, const std::filesystem::path& path);
-    LoadedMesh (*read)(std::string bytes, const std::filesystem::path& path, const LoadProgress& progress);
+    LoadedMesh (*read)(std::string bytes, const std::filesystem::path& path, const LoadOptions& options);
 };
 
-// Adapter for a reader that does not keep the bytes.
-template <LoadedMesh (*Read)(std::string_view, const std::filesystem::path&)>
-LoadedMesh read_with(std::string bytes, const std::filesystem::path& path, const LoadProgress&) {
-    return Read(bytes, path);
+// Adapter for a reader that does not keep the bytes, and for one that opens other files.
+template <auto Read>
+LoadedMesh read_with(std::string bytes, const std::filesystem::path& path, const LoadOptions& options) {
+    if constexpr (std::is_invocable_v<decltype(Read), std::string_view, std::filesystem::path, FileRoots>) {
+        return Read(bytes, path, options.roots);
+    } else {
+        return Read(bytes, path);
+    }
 }
 
 template <bool (*LooksLike)(std::string_view)>
@@ -64,35 +69,43 @@ bool by_content(std::string_view bytes, const std::filesystem::path&) {
 
 bool by_stl_ending(std::string_view, const std::filesystem::path& path) { return lower_case(path.extension().string()) == ".stl"; }
 
-LoadedMesh read_scene(std::string bytes, const std::filesystem::path& path, const LoadProgress& progress) {
-    return vrml::flatten_document(vrml::read_document(std::move(bytes), path, progress), progress);
+LoadedMesh read_scene(std::string bytes, const std::filesystem::path& path, const LoadOptions& options) {
+    return vrml::flatten_document(vrml::read_document(std::move(bytes), path, options.progress), options);
 }
 
 // Tested in this order. Binary STL is detected by its exact size, whatever word it begins with; one of wrong
 // size cannot be detected by content, so a file named .stl goes to the STL reader for its better error
 // message.
 constexpr Reader kReaders[] = {
-    {by_content<is_binary_stl>, read_with<read_binary_stl>}, {by_content<looks_like_ascii_stl>, read_with<read_ascii_stl>},
-    {by_content<looks_like_ply>, read_with<read_ply>},       {by_content<looks_like_vtk>, read_with<read_vtk>},
-    {by_content<looks_like_off>, read_with<read_off>},       {by_content<vrml::looks_like_vrml>, read_scene},
-    {by_content<looks_like_obj>, read_with<read_obj>},       {by_stl_ending, read_with<read_binary_stl>},
+    {by_content<is_binary_stl>, read_with<read_binary_stl>},
+    {by_content<looks_like_ascii_stl>, read_with<read_ascii_stl>},
+    {by_content<looks_like_ply>, read_with<read_ply>},
+    {by_content<looks_like_vtk>, read_with<read_vtk>},
+    {by_content<looks_like_off>, read_with<read_off>},
+    {by_content<vrml::looks_like_vrml>, read_scene},
+    {by_content<looks_like_vtp>, read_with<read_vtp>},
+    {by_content<looks_like_obj>, read_with<read_obj>},
+    {by_stl_ending, read_with<read_binary_stl>},
 };
 
 }  // namespace
 
-LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path, const LoadProgress& progress) {
+LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path, LoadOptions options) {
+    options.roots.insert(options.roots.begin(), path.parent_path());
     if (bytes.empty()) throw InputError(path.string() + ": empty file");
     if (bytes.starts_with("\xef\xbb\xbf") && !is_binary_stl(bytes)) bytes.erase(0, 3);
     const Reader* const reader =
         std::find_if(std::begin(kReaders), std::end(kReaders), [&](const Reader& r) { return r.is_it(bytes, path); });
-    LoadedMesh loaded = reader == std::end(kReaders) ? read_with_assimp(bytes, path) : reader->read(std::move(bytes), path, progress);
+    LoadedMesh loaded =
+        reader == std::end(kReaders) ? read_with_assimp(bytes, path, options.roots) : reader->read(std::move(bytes), path, options);
     if (loaded.mesh.triangle.empty()) {
         // the first ignored element is the most likely cause
         std::string reason = ": " + loaded.format + " without a face";
         if (!loaded.warnings.empty()) reason += " (" + loaded.warnings.back() + ")";
         throw InputError(path.string() + reason);
     }
-    weld_exact(loaded.mesh);
+    weld_vertices(loaded.mesh, 0);
+    drop_unused_vertices(loaded.mesh);
     Mesh& mesh = loaded.mesh;
     mesh.name = path.stem().string();
     const auto is_first = [](uint16_t row) { return row == 0; };
@@ -102,8 +115,8 @@ LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path, const
     return loaded;
 }
 
-LoadedMesh load_mesh(const std::filesystem::path& path, const LoadProgress& progress) {
-    return load_mesh(read_text_file(path), path, progress);
+LoadedMesh load_mesh(const std::filesystem::path& path, const LoadOptions& options) {
+    return load_mesh(read_text_file(path), path, options);
 }
 
 }  // namespace trocar

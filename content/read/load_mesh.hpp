@@ -1,10 +1,8 @@
 #pragma once
-#include <filesystem>
 #include <functional>
-#include <string>
-#include <vector>
 
 #include "components/mesh.hpp"
+#include "content/text/local_file.hpp"
 namespace trocar {
 
 // Result of reading a surface file.
@@ -19,20 +17,25 @@ struct LoadedMesh {
 
 // Formats read by load_mesh, for messages.
 inline constexpr const char* kFormatsRead =
-    "VRML 1.0 and 97, X3D, plain or gzip; OBJ; STL; PLY; OFF; legacy VTK PolyData; through assimp glTF, Collada, FBX, "
+    "VRML 1.0 and 97, X3D, plain or gzip; OBJ; STL; PLY; OFF; VTK PolyData (.vtk, .vtp in ascii); through assimp glTF, Collada, FBX, "
     "3DS, LWO and others";
 
 // Called occasionally on the reading thread while a long file is read, with the fraction done, 0 to 1.
 using LoadProgress = std::function<void(double)>;
 
-// Reads a surface: VRML 1.0 or 97 or X3D (XML or classic; plain or gzip), OBJ, STL, PLY, OFF or legacy VTK
-// PolyData, detected by content, not by name. All other files are passed to assimp in a separate process
-// (content/read/assimp_file.hpp). Opens no other files than those below the folder of `path`. Merges identical
-// positions and drops vertices without a face; repairs nothing else. Loads textures from beside the file; a
+struct LoadOptions {
+    LoadProgress progress{};
+    FileRoots roots{};  // folders whose files the file may name, besides those below its own
+};
+
+// Reads a surface: VRML 1.0 or 97 or X3D (XML or classic; plain or gzip), OBJ, STL, PLY, OFF or VTK
+// PolyData (.vtk, .vtp), detected by content, not by name. All other files are passed to assimp in a separate process
+// (content/read/assimp_file.hpp). Opens no other files than those below the folder of `path` and the given
+// roots. Merges identical positions and drops vertices without a face; repairs nothing else. Loads textures from beside the file; a
 // missing one is a warning. Throws InputError "file:line:column: reason", also if there is no triangle.
-LoadedMesh load_mesh(const std::filesystem::path& path, const LoadProgress& progress = {});
+LoadedMesh load_mesh(const std::filesystem::path& path, const LoadOptions& options = {});
 
 // The same for bytes in memory (gzip unpacked); `path` is used in messages and gives the folder.
-LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path, const LoadProgress& progress = {});
+LoadedMesh load_mesh(std::string bytes, const std::filesystem::path& path, LoadOptions options = {});
 
 }  // namespace trocar

@@ -102,6 +102,7 @@ int read_numbers(const Lines& lines, std::string_view rest, const char* what, in
 
 // State of the reader.
 struct ObjState {
+    FileRoots roots;
     LoadedMesh loaded;
     std::vector<Vec2> uv;
     uint64_t normals = 0;
@@ -238,7 +239,7 @@ void read_material_line(const Lines& lines, ObjState& s, std::string_view key, s
 }
 
 void read_material_file(ObjState& s, const Lines& from, const std::string& name) {
-    const LocalFile file = find_local_file(from.path.parent_path(), from.path.parent_path(), name);
+    const LocalFile file = find_local_file(s.roots, from.path.parent_path(), name);
     if (!file.refusal.empty()) {
         return warn_once(s, "mtllib " + name, from.location() + ": material file " + in_quotes(name) + " is not read: " + file.refusal);
     }
@@ -258,8 +259,7 @@ void read_material_file(ObjState& s, const Lines& from, const std::string& name)
 // mtllib takes several names, but names contain blanks in practice: the whole rest is tried first.
 void read_material_files(ObjState& s, const Lines& lines, std::string_view rest) {
     const std::string whole = trimmed(rest);
-    const fs::path folder = lines.path.parent_path();
-    if (whole.find(' ') == std::string::npos || find_local_file(folder, folder, whole).refusal.empty()) {
+    if (whole.find(' ') == std::string::npos || find_local_file(s.roots, lines.path.parent_path(), whole).refusal.empty()) {
         return read_material_file(s, lines, whole);
     }
     for (std::string_view word = next_word(rest); !word.empty(); word = next_word(rest)) {
@@ -286,8 +286,7 @@ void use_material(ObjState& s, const Lines& lines, std::string_view rest) {
     } else {
         material.push_back(s.known[known->second]);
         if (!material.back().texture.empty()) {
-            const fs::path folder = lines.path.parent_path();
-            const std::string trouble = load_texture(folder, folder, material.back());
+            const std::string trouble = load_texture(s.roots, lines.path.parent_path(), material.back());
             if (!trouble.empty()) warn_once(s, trouble, lines.location() + ": " + trouble);
         }
     }
@@ -324,9 +323,10 @@ void read_line(const Lines& lines, ObjState& s, std::string_view key, std::strin
 
 }  // namespace
 
-LoadedMesh read_obj(std::string_view text, const fs::path& path) {
+LoadedMesh read_obj(std::string_view text, const fs::path& path, const FileRoots& roots) {
     if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);
     ObjState s;
+    s.roots = roots;
     s.loaded.format = "OBJ";
     Lines lines{text.data(), text.data() + text.size(), 0, 0, {}, path};
     std::string_view rest;

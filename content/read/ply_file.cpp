@@ -11,9 +11,6 @@
 namespace trocar {
 namespace {
 
-enum class Scalar : uint8_t { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat, kDouble };
-constexpr uint32_t kSize[] = {1, 1, 2, 2, 4, 4, 4, 8};
-
 struct Property {
     std::string name;
     bool list = false;
@@ -51,29 +48,10 @@ struct Source {
 };
 
 double read_binary(Source& s, Scalar type) {
-    const uint32_t size = kSize[static_cast<size_t>(type)];
-    if (s.left() < size) s.fail("the file ends here");
     const char* const at = s.words.at;
-    s.words.at += size;
-    const bool big = s.coding == Coding::kBig;
-    switch (type) {
-        case Scalar::kInt8:
-            return number_from_bytes<int8_t>(at, big);
-        case Scalar::kUint8:
-            return number_from_bytes<uint8_t>(at, big);
-        case Scalar::kInt16:
-            return number_from_bytes<int16_t>(at, big);
-        case Scalar::kUint16:
-            return number_from_bytes<uint16_t>(at, big);
-        case Scalar::kInt32:
-            return number_from_bytes<int32_t>(at, big);
-        case Scalar::kUint32:
-            return number_from_bytes<uint32_t>(at, big);
-        case Scalar::kFloat:
-            return number_from_bytes<float>(at, big);
-        default:
-            return number_from_bytes<double>(at, big);
-    }
+    if (s.left() < scalar_bytes(type)) s.fail("the file ends here");
+    s.words.at += scalar_bytes(type);
+    return scalar_from_bytes(at, type, s.coding == Coding::kBig);
 }
 
 // Reads a number that may be NaN: the caller must check.
@@ -82,7 +60,7 @@ double read_scalar(Source& s, Scalar type) { return s.coding == Coding::kAscii ?
 uint64_t read_list_count(Source& s, const Property& p) {
     const double count = read_scalar(s, p.count);
     if (!(count >= 0) || count != std::floor(count)) s.fail("a list of '" + p.name + "' without a whole count");
-    const uint64_t size = s.coding == Coding::kAscii ? 2 : kSize[static_cast<size_t>(p.type)];
+    const uint64_t size = s.coding == Coding::kAscii ? 2 : scalar_bytes(p.type);
     if (count > static_cast<double>((s.left() + 1) / size)) s.fail("a list that is longer than the file");
     return static_cast<uint64_t>(count);
 }
@@ -178,7 +156,7 @@ void check_room(const Source& s, const Element& element) {
     uint64_t least = 0;
     for (const Property& p : element.property) {
         const Scalar type = p.list ? p.count : p.type;
-        least += s.coding == Coding::kAscii ? 2 : kSize[static_cast<size_t>(type)];
+        least += s.coding == Coding::kAscii ? 2 : scalar_bytes(type);
     }
     if (least > 0 && element.rows > (s.left() + 1) / least) {
         s.words.fail("the header names " + std::to_string(element.rows) + " rows of '" + element.name +
@@ -281,7 +259,7 @@ bool looks_like_ply(std::string_view bytes) {
 
 namespace {
 
-LoadedMesh read_any_ply(std::string_view bytes, const std::filesystem::path& path, const std::string& property,
+LoadedMesh read_any_ply(std::string_view bytes, const std::filesystem::path& path, const FileRoots& roots, const std::string& property,
                         std::vector<double>* field) {
     Source source{Words{bytes.data(), bytes.data() + bytes.size(), path}};
     const Header header = read_header(source.words);
@@ -307,7 +285,7 @@ LoadedMesh read_any_ply(std::string_view bytes, const std::filesystem::path& pat
     Material material;
     material.texture = header.texture;
     if (!material.texture.empty()) {
-        const std::string trouble = load_texture(path.parent_path(), path.parent_path(), material);
+        const std::string trouble = load_texture(roots, path.parent_path(), material);
         if (!trouble.empty()) loaded.warnings.push_back(path.string() + ": " + trouble);
     }
     loaded.mesh.material.push_back(std::move(material));
@@ -316,11 +294,13 @@ LoadedMesh read_any_ply(std::string_view bytes, const std::filesystem::path& pat
 
 }  // namespace
 
-LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path) { return read_any_ply(bytes, path, "", nullptr); }
+LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path, const FileRoots& roots) {
+    return read_any_ply(bytes, path, roots, "", nullptr);
+}
 
 LoadedMesh read_painted_ply(std::string_view bytes, const std::filesystem::path& path, const std::string& property,
                             std::vector<double>& field) {
-    return read_any_ply(bytes, path, property, &field);
+    return read_any_ply(bytes, path, {}, property, &field);
 }
 
 }  // namespace trocar

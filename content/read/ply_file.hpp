@@ -12,7 +12,7 @@ bool looks_like_ply(std::string_view bytes);
 // corner), element tristrips (-1 begins a new strip). Text is read to double. Skips other elements and
 // properties, colours with a warning; "comment TextureFile" names the texture. Rejects elements larger than
 // the file before allocating. Throws InputError "file:line: reason", binary: "file: element, row and reason".
-LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path);
+LoadedMesh read_ply(std::string_view bytes, const std::filesystem::path& path, const FileRoots& roots);
 
 // The same, and the vertex property `property`; InputError if it is missing or a value is not finite.
 LoadedMesh read_painted_ply(std::string_view bytes, const std::filesystem::path& path, const std::string& property,

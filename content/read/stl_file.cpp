@@ -31,15 +31,20 @@ bool is_binary_stl(std::string_view bytes) {
 LoadedMesh read_binary_stl(std::string_view bytes, const std::filesystem::path& path) {
     const auto fail = [&](const std::string& reason) { throw InputError(path.string() + ": " + reason); };
     if (bytes.size() < kHeader) fail("binary STL is cut short inside its header");
-    const uint32_t count = read_count(bytes);
+    uint32_t count = read_count(bytes);
     const size_t room = (bytes.size() - kHeader) / kFacet;
+    LoadedMesh loaded;
+    loaded.format = "STL binary";
+    if (count == 0 && room > 0 && room < kNone / 3 && bytes.size() == kHeader + kFacet * room) {
+        // a program that did not know the number when it began to write
+        loaded.warnings.push_back(path.string() + ": the header names 0 facets; the " + std::to_string(room) + " that follow it are read");
+        count = static_cast<uint32_t>(room);
+    }
     if (count > room) {
         fail("binary STL names " + std::to_string(count) + " facets but holds only " + std::to_string(room));
     }
-    LoadedMesh loaded;
-    loaded.format = "STL binary";
-    if (bytes.size() > kHeader + kFacet * static_cast<size_t>(count)) {
-        loaded.warnings.push_back(path.string() + ": bytes after the last facet are ignored");
+    if (const size_t used = kHeader + kFacet * static_cast<size_t>(count); bytes.size() > used) {
+        loaded.warnings.push_back(path.string() + ": " + std::to_string(bytes.size() - used) + " bytes after the last facet are ignored");
     }
     Mesh& mesh = loaded.mesh;
     mesh.position.resize(3 * static_cast<size_t>(count));

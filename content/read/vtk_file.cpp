@@ -9,32 +9,36 @@
 namespace trocar {
 namespace {
 
-enum class Scalar : uint8_t { kBit, kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kInt64, kUint64, kFloat, kDouble, kString };
-
 struct NamedScalar {
     std::string_view name;
     Scalar type;
-    uint32_t size;
+    bool number = true;
 };
 
-constexpr NamedScalar kScalars[] = {
-    {"bit", Scalar::kBit, 0},
-    {"char", Scalar::kInt8, 1},
-    {"signed_char", Scalar::kInt8, 1},
-    {"unsigned_char", Scalar::kUint8, 1},
-    {"short", Scalar::kInt16, 2},
-    {"unsigned_short", Scalar::kUint16, 2},
-    {"int", Scalar::kInt32, 4},
-    {"unsigned_int", Scalar::kUint32, 4},
-    {"long", Scalar::kInt64, 8},
-    {"unsigned_long", Scalar::kUint64, 8},
-    {"vtkidtype", Scalar::kInt32, 4},
-    {"vtktypeint64", Scalar::kInt64, 8},
-    {"vtktypeuint64", Scalar::kUint64, 8},
-    {"float", Scalar::kFloat, 4},
-    {"double", Scalar::kDouble, 8},
-    {"string", Scalar::kString, 1},
-};
+constexpr NamedScalar kScalars[] = {{"char", Scalar::kInt8},
+                                    {"signed_char", Scalar::kInt8},
+                                    {"unsigned_char", Scalar::kUint8},
+                                    {"short", Scalar::kInt16},
+                                    {"unsigned_short", Scalar::kUint16},
+                                    {"int", Scalar::kInt32},
+                                    {"unsigned_int", Scalar::kUint32},
+                                    {"long", Scalar::kInt64},
+                                    {"unsigned_long", Scalar::kUint64},
+                                    {"vtkidtype", Scalar::kInt32},
+                                    {"vtktypeint8", Scalar::kInt8},
+                                    {"vtktypeuint8", Scalar::kUint8},
+                                    {"vtktypeint16", Scalar::kInt16},
+                                    {"vtktypeuint16", Scalar::kUint16},
+                                    {"vtktypeint32", Scalar::kInt32},
+                                    {"vtktypeuint32", Scalar::kUint32},
+                                    {"vtktypeint64", Scalar::kInt64},
+                                    {"vtktypeuint64", Scalar::kUint64},
+                                    {"vtktypefloat32", Scalar::kFloat},
+                                    {"vtktypefloat64", Scalar::kDouble},
+                                    {"float", Scalar::kFloat},
+                                    {"double", Scalar::kDouble},
+                                    {"bit", Scalar::kUint8, false},
+                                    {"string", Scalar::kUint8, false}};
 
 struct VtkState {
     Words words;
@@ -53,37 +57,6 @@ NamedScalar read_type(VtkState& s) {
     s.words.fail("unknown type " + shown(word) + " of data");
 }
 
-double from_bytes(const char* at, Scalar type) {
-    switch (type) {
-        case Scalar::kInt8:
-            return number_from_bytes<int8_t>(at, true);
-        case Scalar::kUint8:
-            return number_from_bytes<uint8_t>(at, true);
-        case Scalar::kInt16:
-            return number_from_bytes<int16_t>(at, true);
-        case Scalar::kUint16:
-            return number_from_bytes<uint16_t>(at, true);
-        case Scalar::kInt32:
-            return number_from_bytes<int32_t>(at, true);
-        case Scalar::kUint32:
-            return number_from_bytes<uint32_t>(at, true);
-        case Scalar::kInt64:
-            return static_cast<double>(number_from_bytes<int64_t>(at, true));
-        case Scalar::kUint64:
-            return static_cast<double>(number_from_bytes<uint64_t>(at, true));
-        case Scalar::kFloat:
-            return number_from_bytes<float>(at, true);
-        case Scalar::kDouble:
-            return number_from_bytes<double>(at, true);
-        case Scalar::kBit:
-        case Scalar::kString:
-            break;  // not a numeric type: the callers reject it
-    }
-    return std::numeric_limits<double>::quiet_NaN();
-}
-
-bool is_number(const NamedScalar& scalar) { return scalar.type != Scalar::kString && scalar.type != Scalar::kBit; }
-
 // Reads `count` numbers and passes each to `take`. The caller has checked that the file can hold them.
 template <typename Take>
 void read_numbers(VtkState& s, uint64_t count, const NamedScalar& scalar, Take take) {
@@ -92,8 +65,9 @@ void read_numbers(VtkState& s, uint64_t count, const NamedScalar& scalar, Take t
         return;
     }
     s.words.rest_of_line();
-    if (scalar.size == 0 || count > s.left() / scalar.size) s.words.fail("binary data is cut short");
-    for (uint64_t k = 0; k < count; ++k, s.words.at += scalar.size) take(from_bytes(s.words.at, scalar.type));
+    const size_t size = scalar_bytes(scalar.type);
+    if (count > s.left() / size) s.words.fail("binary data is cut short");
+    for (uint64_t k = 0; k < count; ++k, s.words.at += size) take(scalar_from_bytes(s.words.at, scalar.type, true));
 }
 
 // Each number needs at least a digit and a blank, or one byte in binary.
@@ -102,8 +76,8 @@ uint64_t read_count(VtkState& s, const char* what) { return s.words.count(what, 
 void read_points(VtkState& s) {
     const uint64_t count = read_count(s, "a number of points");
     const NamedScalar scalar = read_type(s);
-    if (!is_number(scalar)) s.words.fail("points that are no numbers");
-    if (3 * count > (s.binary ? s.left() / scalar.size : s.left() / 2 + 1) || count >= kNone) {
+    if (!scalar.number) s.words.fail("points that are no numbers");
+    if (3 * count > (s.binary ? s.left() / scalar_bytes(scalar.type) : s.left() / 2 + 1) || count >= kNone) {
         s.words.fail("the file is too short for " + std::to_string(count) + " points");
     }
     std::vector<Vec3d>& position = s.loaded.mesh.position;
@@ -129,8 +103,8 @@ void add_cell(VtkState& s, std::span<const uint32_t> corner, bool strips) {
 // Integers of a list; invalid point indices become kNone, which cut_polygons rejects with the polygon's name.
 std::vector<uint32_t> read_rows(VtkState& s, uint64_t count, const NamedScalar& scalar) {
     std::vector<uint32_t> row;
-    if (!is_number(scalar)) s.words.fail("a list of corners that are no numbers");
-    if (count > (s.binary ? s.left() / scalar.size : s.left() / 2 + 1)) {
+    if (!scalar.number) s.words.fail("a list of corners that are no numbers");
+    if (count > (s.binary ? s.left() / scalar_bytes(scalar.type) : s.left() / 2 + 1)) {
         s.words.fail("the file is too short for a list of " + std::to_string(count) + " numbers");
     }
     row.reserve(count);
@@ -146,7 +120,7 @@ void read_cells_by_offset(VtkState& s, uint64_t offsets, uint64_t corners, bool 
     s.words.next();
     const std::vector<uint32_t> first = read_rows(s, offsets, read_type(s));
     const std::string_view word = s.words.next();
-    if (word != "CONNECTIVITY") s.words.fail("expected CONNECTIVITY, found " + shown(word));
+    if (!same_word(word, "connectivity")) s.words.fail("expected CONNECTIVITY, found " + shown(word));
     const std::vector<uint32_t> corner = read_rows(s, corners, read_type(s));
     for (size_t k = 0; wanted && k + 1 < first.size(); ++k) {
         if (first[k] > first[k + 1] || first[k + 1] > corner.size()) {
@@ -160,8 +134,8 @@ void read_cells_by_offset(VtkState& s, uint64_t offsets, uint64_t corners, bool 
 void read_cells(VtkState& s, bool wanted, bool strips) {
     const uint64_t cells = read_count(s, "a number of cells");
     const uint64_t size = read_count(s, "a size of a list");
-    if (s.words.peek() == "OFFSETS") return read_cells_by_offset(s, cells, size, wanted, strips);
-    const std::vector<uint32_t> row = read_rows(s, size, {"int", Scalar::kInt32, 4});
+    if (same_word(s.words.peek(), "offsets")) return read_cells_by_offset(s, cells, size, wanted, strips);
+    const std::vector<uint32_t> row = read_rows(s, size, {"int", Scalar::kInt32});
     size_t at = 0;
     for (uint64_t k = 0; k < cells; ++k) {
         if (at >= row.size() || row[at] > row.size() - at - 1) {
@@ -180,7 +154,7 @@ void skip_field(VtkState& s) {
         const uint64_t width = read_count(s, "a number of components"), rows = read_count(s, "a number of rows");
         const NamedScalar scalar = read_type(s);
         if (rows > 0 && width > (s.left() + 1) / rows) s.words.fail("array " + shown(name) + " is longer than the file");
-        if (scalar.type == Scalar::kString) s.words.fail("array " + shown(name) + " of strings is not read");
+        if (!scalar.number) s.words.fail("array " + shown(name) + " is of no numbers and not read");
         read_numbers(s, width * rows, scalar, [](double) {});
     }
 }
@@ -202,37 +176,38 @@ void read_head(VtkState& s) {
     }
     s.binary = same_word(coding, "binary");
     const std::string_view data = s.words.next();
-    if (data != "DATASET") s.words.fail("expected DATASET, found " + shown(data));
+    if (!same_word(data, "dataset")) s.words.fail("expected DATASET, found " + shown(data));
     const std::string_view kind = s.words.next();
-    if (kind != "POLYDATA") s.words.fail("DATASET " + shown(kind) + " is not read, only POLYDATA");
+    if (!same_word(kind, "polydata")) s.words.fail("DATASET " + shown(kind) + " is not read, only POLYDATA");
 }
 
 }  // namespace
 
-bool looks_like_vtk(std::string_view bytes) { return bytes.starts_with("# vtk DataFile"); }
+bool looks_like_vtk(std::string_view bytes) { return lower_case(bytes.substr(0, 14)) == "# vtk datafile"; }
 
 LoadedMesh read_vtk(std::string_view bytes, const std::filesystem::path& path) {
     VtkState s{Words{bytes.data(), bytes.data() + bytes.size(), path}, false, {}, {}};
     read_head(s);
     s.loaded.format = s.binary ? "VTK binary" : "VTK ascii";
     while (true) {
-        const std::string_view word = s.words.next();
+        const std::string_view found = s.words.next();
+        const std::string word = lower_case(found.substr(0, 32));
         if (word.empty()) break;
-        if (word == "POINTS") {
+        if (word == "points") {
             read_points(s);
-        } else if (word == "POLYGONS" || word == "TRIANGLE_STRIPS") {
-            read_cells(s, true, word[0] == 'T');
-        } else if (word == "LINES" || word == "VERTICES") {
+        } else if (word == "polygons" || word == "triangle_strips") {
+            read_cells(s, true, word[0] == 't');
+        } else if (word == "lines" || word == "vertices") {
             read_cells(s, false, false);
-        } else if (word == "FIELD") {
+        } else if (word == "field") {
             skip_field(s);
-        } else if (word == "METADATA") {
+        } else if (word == "metadata") {
             skip_metadata(s);
-        } else if (word == "POINT_DATA" || word == "CELL_DATA") {
+        } else if (word == "point_data" || word == "cell_data") {
             s.loaded.warnings.push_back(path.string() + ":" + std::to_string(s.words.line) + ": data of points and cells is passed over");
             break;  // the geometry is complete
         } else {
-            s.words.fail("expected POINTS, POLYGONS or another part of POLYDATA, found " + shown(word));
+            s.words.fail("expected POINTS, POLYGONS or another part of POLYDATA, found " + shown(found));
         }
     }
     cut_polygons(s.polygons, s.loaded, path);

@@ -34,12 +34,12 @@ std::vector<std::string> split_at_colons(const std::string& text) {
 
 }  // namespace
 
-LoadedMesh load_mesh_or_shape(const std::string& source, const LoadProgress& progress) {
+LoadedMesh load_mesh_or_shape(const std::string& source, const LoadOptions& options) {
     const std::vector<std::string> words = split_at_colons(source);
     std::error_code error;
     const bool bare = words.size() == 1 && !describe_shape(source).empty() && !std::filesystem::exists(source, error);
     const bool shape = bare || (words.size() > 1 && words[0] == "shape");
-    if (!shape) return load_mesh(source, progress);
+    if (!shape) return load_mesh(source, options);
     if (words.size() > 4) throw InputError(source + ": write shape:NAME:TRIANGLES:SEED");
     LoadedMesh loaded;
     loaded.format = "shape";

@@ -1,12 +1,11 @@
 #include "content/text/texture.hpp"
 
-#include "content/text/local_file.hpp"
 #include "engine/base/error.hpp"
 #include "engine/files/image_file.hpp"
 namespace trocar {
 
-std::string load_texture(const std::filesystem::path& root, const std::filesystem::path& folder, Material& material) {
-    const LocalFile file = find_local_file(root, folder, material.texture);
+std::string load_texture(const FileRoots& roots, const std::filesystem::path& folder, Material& material) {
+    const LocalFile file = find_local_file(roots, folder, material.texture);
     if (!file.refusal.empty()) return "texture '" + material.texture + "' is not read: " + file.refusal;
     try {
         material.image = load_image(file.path);

@@ -20,38 +20,17 @@ struct Voxels {
     }
 };
 
+size_t voxel_count(const Volume& volume) { return size_t(volume.size[0]) * volume.size[1] * volume.size[2]; }
+
 template <typename Work>
 auto with_voxels(const Volume& volume, const Work& work) {
-    const char* bytes = volume.voxels.data();
-    switch (volume.type) {
-        case VoxelType::kUint8:
-            return work(Voxels<uint8_t>{bytes});
-        case VoxelType::kInt8:
-            return work(Voxels<int8_t>{bytes});
-        case VoxelType::kUint16:
-            return work(Voxels<uint16_t>{bytes});
-        case VoxelType::kInt16:
-            return work(Voxels<int16_t>{bytes});
-        case VoxelType::kUint32:
-            return work(Voxels<uint32_t>{bytes});
-        case VoxelType::kInt32:
-            return work(Voxels<int32_t>{bytes});
-        case VoxelType::kUint64:
-            return work(Voxels<uint64_t>{bytes});
-        case VoxelType::kInt64:
-            return work(Voxels<int64_t>{bytes});
-        case VoxelType::kFloat:
-            return work(Voxels<float>{bytes});
-        case VoxelType::kDouble:
-            break;
-    }
-    return work(Voxels<double>{bytes});
+    TROCAR_ASSERT(volume.voxels.size() == voxel_count(volume) * scalar_bytes(volume.type));
+    return with_scalar(volume.type, [&](auto zero) { return work(Voxels<decltype(zero)>{volume.voxels.data()}); });
 }
-
-size_t voxel_count(const Volume& volume) { return size_t(volume.size[0]) * volume.size[1] * volume.size[2]; }
 
 template <typename Values, typename Chosen>
 VoxelMask select(const Volume& volume, uint32_t frame, const Values& values, const Chosen& chosen) {
+    TROCAR_ASSERT(frame >= 1);
     std::array<uint32_t, 3> low = volume.size, high{};
     const auto [nx, ny, nz] = volume.size;
     VoxelMask mask;
@@ -89,9 +68,19 @@ VoxelMask select(const Volume& volume, uint32_t frame, const Values& values, con
 
 }  // namespace
 
-size_t voxel_bytes(VoxelType type) {
-    constexpr std::array<uint8_t, 10> kBytes{1, 1, 2, 2, 4, 4, 8, 8, 4, 8};
-    return kBytes[static_cast<size_t>(type)];
+Volume take_layer(const Volume& volume, uint32_t layer) {
+    TROCAR_ASSERT(layer < volume.layers);
+    Volume one;
+    one.size = volume.size;
+    one.origin = volume.origin;
+    one.step = volume.step;
+    one.type = volume.type;
+    const size_t bytes = scalar_bytes(volume.type), count = voxel_count(volume);
+    one.voxels.resize(count * bytes);
+    for (size_t i = 0; i < count; ++i) {
+        std::memcpy(one.voxels.data() + i * bytes, volume.voxels.data() + (i * volume.layers + layer) * bytes, bytes);
+    }
+    return one;
 }
 
 Vec3d place_of_index(const Volume& volume, const Vec3d& index) {
@@ -122,14 +111,12 @@ std::vector<std::pair<double, uint64_t>> count_values(const Volume& volume, size
 }
 
 VoxelMask select_label(const Volume& volume, double label, uint32_t frame) {
-    TROCAR_ASSERT(frame >= 1 && volume.voxels.size() == voxel_count(volume) * voxel_bytes(volume.type));
     return with_voxels(volume, [&](const auto& values) {
         return select(volume, frame, values, [=](auto value) { return static_cast<double>(value) == label; });
     });
 }
 
 VoxelMask select_above(const Volume& volume, double threshold, uint32_t frame) {
-    TROCAR_ASSERT(frame >= 1 && volume.voxels.size() == voxel_count(volume) * voxel_bytes(volume.type));
     return with_voxels(volume, [&](const auto& values) {
         return select(volume, frame, values, [=](auto value) { return static_cast<double>(value) >= threshold; });
     });

@@ -5,13 +5,17 @@
 #include <vector>
 
 #include "components/math.hpp"
+#include "content/text/byte_order.hpp"
 namespace trocar {
 
-enum class VoxelType : uint8_t { kUint8, kInt8, kUint16, kInt16, kUint32, kInt32, kUint64, kInt64, kFloat, kDouble };
+using VoxelType = Scalar;
 
-// Bytes of one voxel.
-size_t voxel_bytes(VoxelType type);
-// "uint8", "float", ...
+// A named set of voxels: those with the value `label` in a layer.
+struct Segment {
+    std::string name, id;
+    double label = 1;
+    uint32_t layer = 0;
+};
 
 // A segmented or measured image in space. Lengths are the file's, for medical images millimetres; x runs to the
 // patient's left, y to the back, z to the head (LPS, the convention of DICOM and ITK).
@@ -20,8 +24,14 @@ struct Volume {
     Vec3d origin = Vec3d::Zero();                                               // centre of voxel (0, 0, 0)
     std::array<Vec3d, 3> step{Vec3d::UnitX(), Vec3d::UnitY(), Vec3d::UnitZ()};  // vector to the next voxel along each index
     VoxelType type = VoxelType::kUint8;
-    std::string voxels;  // x fastest, little endian; size[0] * size[1] * size[2] values
+    uint32_t layers = 1;  // values of a voxel, one for each layer of segments that may overlap
+    std::string voxels;   // layer fastest, then x; little endian; layers * size[0] * size[1] * size[2] values
+    std::vector<Segment> segments;
+    std::vector<std::string> warnings;  // one line each, with the file's name
 };
+
+// The volume with one of its layers, without segments and warnings.
+Volume take_layer(const Volume& volume, uint32_t layer);
 
 // Position of a point given in voxel indices.
 Vec3d place_of_index(const Volume& volume, const Vec3d& index);
@@ -30,7 +40,7 @@ Vec3d place_of_index(const Volume& volume, const Vec3d& index);
 double signed_voxel_volume(const Volume& volume);
 double voxel_volume(const Volume& volume);
 
-// The distinct values with voxel counts, ascending; empty if more than `most` (not a label map).
+// The distinct values of a volume of one layer with voxel counts, ascending; empty if more than `most` (not a label map).
 std::vector<std::pair<double, uint64_t>> count_values(const Volume& volume, size_t most = 4096);
 
 // Selected voxels in their bounding box plus a border of unselected voxels (possibly outside of the volume).

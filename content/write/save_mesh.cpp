@@ -1,5 +1,6 @@
 #include "content/write/save_mesh.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -7,6 +8,7 @@
 #include <map>
 #include <span>
 
+#include "content/text/words.hpp"
 #include "engine/base/check.hpp"
 #include "engine/base/error.hpp"
 #include "engine/files/image_file.hpp"
@@ -57,10 +59,7 @@ std::string plain_name(std::string_view name, const std::string& otherwise) {
 }
 
 // The files of one save: side files first, the mesh last.
-struct Files {
-    std::vector<fs::path> path;
-    std::vector<std::string> bytes;
-};
+using Files = std::vector<std::pair<fs::path, std::string>>;
 
 // Texture file name of each material, empty if none; equal images share a file.
 std::vector<std::string> add_textures(const Mesh& mesh, const fs::path& path, Files& files) {
@@ -76,11 +75,10 @@ std::vector<std::string> add_textures(const Mesh& mesh, const fs::path& path, Fi
                 if (other.width == material.image.width && other.rgba == material.image.rgba) name = names[k];
             }
             if (name.empty()) {
-                const std::string suffix = files.path.empty() ? "" : '_' + std::to_string(files.path.size());
+                const std::string suffix = files.empty() ? "" : '_' + std::to_string(files.size());
                 name = plain_name(path.stem().string(), "texture") + suffix + ".png";
                 const std::vector<std::byte> png = encode_png(material.image);
-                files.path.push_back(path.parent_path() / name);
-                files.bytes.emplace_back(reinterpret_cast<const char*>(png.data()), png.size());
+                files.emplace_back(path.parent_path() / name, std::string(reinterpret_cast<const char*>(png.data()), png.size()));
             }
         }
         names.push_back(name);
@@ -148,8 +146,7 @@ void write_obj(const Mesh& mesh, const fs::path& path, Files& files) {
     if (with_materials) {
         const std::vector<std::string> textures = add_textures(mesh, path, files);
         const std::string name = plain_name(path.stem().string(), "mesh") + ".mtl";
-        files.path.push_back(path.parent_path() / name);
-        files.bytes.push_back(write_mtl(mesh, textures));
+        files.emplace_back(path.parent_path() / name, write_mtl(mesh, textures));
         out << "mtllib " << name << "\n";
     }
     out << "o " << plain_name(mesh.name, "mesh") << "\n";
@@ -180,8 +177,7 @@ void write_obj(const Mesh& mesh, const fs::path& path, Files& files) {
         }
         out << "\n";
     }
-    files.path.push_back(path);
-    files.bytes.push_back(std::move(out.bytes));
+    files.emplace_back(path, std::move(out.bytes));
 }
 
 void write_stl(const Mesh& mesh, const fs::path& path, Files& files) {
@@ -193,30 +189,20 @@ void write_stl(const Mesh& mesh, const fs::path& path, Files& files) {
     out << header;
     out.raw(static_cast<uint32_t>(mesh.triangle.size()));
     for (const Triangle& t : mesh.triangle) {
+        const Vec3d &a = mesh.position[t[0]], &b = mesh.position[t[1]], &c = mesh.position[t[2]];
+        const Vec3d normal = (b - a).cross(c - a);
         std::array<std::array<float, 3>, 4> rows{};  // normal, corners
-        std::array<std::array<double, 3>, 3> p;
-        for (size_t k = 0; k < 3; ++k) {
-            for (size_t c = 0; c < 3; ++c) {
-                p[k][c] = mesh.position[t[k]][static_cast<int>(c)];
-                rows[k + 1][c] = static_cast<float>(p[k][c]);
-                if (!std::isfinite(rows[k + 1][c])) {
-                    throw InputError(path.string() + ": cannot write: a coordinate is too large for STL");
-                }
+        for (int i = 0; i < 3; ++i) {
+            if (const double length = normal.stableNorm(); length > 0) rows[0][size_t(i)] = static_cast<float>(normal[i] / length);
+            for (size_t k = 0; k < 3; ++k) {
+                float& number = rows[k + 1][size_t(i)] = static_cast<float>(mesh.position[t[k]][i]);
+                if (!std::isfinite(number)) throw InputError(path.string() + ": cannot write: a coordinate is too large for STL");
             }
         }
-        std::array<double, 3> n;
-        double length = 0;
-        for (size_t c = 0; c < 3; ++c) {
-            const size_t i = (c + 1) % 3, j = (c + 2) % 3;
-            n[c] = (p[1][i] - p[0][i]) * (p[2][j] - p[0][j]) - (p[1][j] - p[0][j]) * (p[2][i] - p[0][i]);
-            length = std::hypot(length, n[c]);
-        }
-        for (size_t c = 0; c < 3 && length > 0; ++c) rows[0][c] = static_cast<float>(n[c] / length);
         out.raw(rows);
         out.raw(uint16_t{0});
     }
-    files.path.push_back(path);
-    files.bytes.push_back(std::move(out.bytes));
+    files.emplace_back(path, std::move(out.bytes));
 }
 
 void write_ply(const Mesh& mesh, const fs::path& path, Files& files) {
@@ -246,8 +232,7 @@ void write_ply(const Mesh& mesh, const fs::path& path, Files& files) {
             out.raw(uv.v);
         }
     }
-    files.path.push_back(path);
-    files.bytes.push_back(std::move(out.bytes));
+    files.emplace_back(path, std::move(out.bytes));
 }
 
 void write_wrl_look(Output& out, const Material& m, const std::string& texture) {
@@ -321,8 +306,7 @@ void write_wrl(const Mesh& mesh, const fs::path& path, Files& files) {
         out << " } }\n";
         begin = end;
     }
-    files.path.push_back(path);
-    files.bytes.push_back(std::move(out.bytes));
+    files.emplace_back(path, std::move(out.bytes));
 }
 
 // One texture coordinate per vertex if all its corners agree; otherwise empty.
@@ -428,8 +412,7 @@ void write_vtp(const Mesh& mesh, std::span<const PointField> fields, const std::
     out << "</DataArray>\n";
     put_face_array(out, "Int64", "offsets", mesh.triangle.size(), [](size_t t) { return 3 * t + 3; });
     out << "</Polys>\n</Piece>\n</PolyData>\n</VTKFile>\n";
-    files.path.push_back(path);
-    files.bytes.push_back(std::move(out.bytes));
+    files.emplace_back(path, std::move(out.bytes));
 }
 
 }  // namespace
@@ -444,8 +427,7 @@ void save_mesh(const Mesh& mesh, const fs::path& path) {
     TROCAR_ASSERT(mesh.uv.empty() || mesh.uv.size() == mesh.triangle.size());
     TROCAR_ASSERT(mesh.triangle_material.empty() || mesh.triangle_material.size() == mesh.triangle.size());
     for (const uint16_t m : mesh.triangle_material) TROCAR_ASSERT(m < mesh.material.size());
-    std::string extension = path.extension().string();
-    for (char& c : extension) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c | 0x20) : c;
+    const std::string extension = lower_case(path.extension().string());
     Files files;
     if (extension == ".obj") {
         write_obj(mesh, path, files);
@@ -461,7 +443,7 @@ void save_mesh(const Mesh& mesh, const fs::path& path) {
         throw InputError(path.string() + ": cannot write: the name must end in .obj, .stl, .ply, .wrl or .vtp");
     }
     std::vector<FileContents> contents;
-    for (size_t k = 0; k < files.path.size(); ++k) contents.push_back({files.path[k], files.bytes[k]});
+    for (const auto& [name, bytes] : files) contents.push_back({name, bytes});
     write_whole_files(contents);
 }
 
@@ -470,7 +452,7 @@ void save_vtp(const Mesh& mesh, std::span<const PointField> fields, const fs::pa
     for (const PointField& field : fields) TROCAR_ASSERT(field.values.size() == mesh.position.size() * field.components);
     Files files;
     write_vtp(mesh, fields, note, path, files);
-    write_whole_file(path, files.bytes.front());
+    write_whole_file(path, files.front().second);
 }
 
 }  // namespace trocar

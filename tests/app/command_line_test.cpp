@@ -270,6 +270,29 @@ TEST_F(CommandLine, RepairSaysWhatItDidAndRefusesWhatItCannotDo) {
     EXPECT_DOUBLE_EQ(nlohmann::json::parse(again.out)["volume"], 27000);
 }
 
+// A world that takes its box from a folder which is not its own.
+TEST_F(CommandLine, RootAllowsFilesOfANamedFolder) {
+    const fs::path world = write("in_world.wrl", "#VRML V2.0 utf8\nInline { url \"box.wrl\" }\n"), points = write("p.csv", "0,0,0\n");
+    fs::create_directories(folder_ / "own");
+    fs::create_directories(folder_ / "lib");
+    fs::rename(world, folder_ / "own/world.wrl");
+    std::ofstream(folder_ / "lib/box.wrl") << "#VRML V2.0 utf8\nShape { geometry Box { size 2 2 2 } }\n";
+    const std::string file = (folder_ / "own/world.wrl").string(), root = " --root " + (folder_ / "lib").string() + " ";
+    for (const std::string& command : {"check" + root + file, "convert" + root + file + " " + (folder_ / "o.obj").string(),
+                                       "query" + root + file + " " + points.string(), "collide" + root + file + " " + file,
+                                       "view" + root + file + " --size 64x48 --out " + (folder_ / "o.png").string()}) {
+        const Outcome allowed = run(command);
+        EXPECT_EQ(allowed.code, 0) << command << allowed.err;
+        std::string without = command, gone = command;
+        without.erase(without.find(root), root.size() - 1);
+        gone.replace(gone.find("/lib "), 5, "/gone ");
+        const Outcome refused = run(without), absent = run(gone);
+        EXPECT_EQ(refused.code, 2) << without;
+        EXPECT_NE((refused.err + refused.out).find("'box.wrl' is not read: there is no such file"), std::string::npos) << refused.err;
+        EXPECT_NE(absent.err.find("/gone: there is no such folder"), std::string::npos) << absent.err;
+    }
+}
+
 TEST_F(CommandLine, QueryAnswersInFileUnits) {
     const fs::path whole = write("whole.obj", cube(2)), points = write("p.csv", "x,y,z\n1,1,0.25\n1,1,-3\n3,3,3\n");
     const Outcome outcome = run("query " + whole.string() + " " + points.string());

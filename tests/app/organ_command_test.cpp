@@ -73,6 +73,43 @@ TEST_F(OrganCommand, OneSurfaceALabelWithItsVolumeAndTetrahedra) {
     EXPECT_FALSE(std::getline(lines, line));
 }
 
+// Two balls that overlap, one a layer, as 3D Slicer writes them.
+TEST_F(OrganCommand, SegmentsAreChosenByName) {
+    std::ofstream file(folder_ / "two.seg.nrrd", std::ios::binary);
+    file << "NRRD0004\ntype: uint8\ndimension: 4\nspace: left-posterior-superior\nsizes: 2 30 30 30\nspace directions: none (1,0,0) "
+            "(0,1,0) (0,0,1)\nkinds: list domain domain domain\nencoding: raw\nspace origin: (0,0,0)\nSegment0_ID:=S_1\nSegment0_Name:=Big "
+            "organ\nSegment0_LabelValue:=1\nSegment0_Layer:=0\nSegment1_ID:=S_2\nSegment1_Name:=Lesion\nSegment1_LabelValue:=1\n"
+            "Segment1_Layer:=1\n\n";
+    std::array<int, 2> voxels{};
+    for (int i = 0; i < 27000; ++i) {
+        const double x = i % 30, y = i / 30 % 30, z = i / 900;
+        const bool big = std::hypot(x - 14, y - 14, z - 14) < 11, small = std::hypot(x - 20, y - 14, z - 14) < 5;
+        voxels[0] += big, voxels[1] += small;
+        file.put(char(big)).put(char(small));
+    }
+    file.close();
+    const Outcome both = run("two.seg.nrrd a.obj --segment \"Big organ\" --segment S_2 --json");
+    ASSERT_EQ(both.code, 0) << both.err;
+    std::istringstream lines(both.out);
+    std::string line;
+    for (const size_t k : {0u, 1u}) {
+        ASSERT_TRUE(std::getline(lines, line));
+        EXPECT_EQ(nlohmann::json::parse(line)["voxels"], voxels[k]);
+        EXPECT_LT(std::abs(nlohmann::json::parse(line)["volume_error"].get<double>()), 1e-3);
+    }
+    for (const char* name : {"a_Big_organ.obj", "a_S_2.obj"}) EXPECT_TRUE(fs::exists(folder_ / name)) << name;
+    EXPECT_EQ(run("--segment Lesion two.seg.nrrd b.obj").code, 0);
+    for (const char* choice : {"", " --label 1", " --segment Bones"}) {
+        const Outcome none = run("two.seg.nrrd a.obj" + std::string(choice));
+        EXPECT_EQ(none.code, 2) << choice;
+        EXPECT_NE(none.err.find("Big organ (label 1 of layer 0, "), std::string::npos) << none.err;
+        EXPECT_NE(none.err.find("Lesion (label 1 of layer 1, "), std::string::npos) << none.err;
+    }
+    EXPECT_NE(run("balls.mha a.obj --segment Lesion").err.find("names no segments"), std::string::npos);
+    EXPECT_NE(run("two.seg.nrrd a.obj --segment Lesion --label 1").err.find("exclude each other"), std::string::npos);
+    EXPECT_NE(run("balls.mha a.obj --label 3 --frame qform").err.find("only NIfTI has more than one frame"), std::string::npos);
+}
+
 TEST_F(OrganCommand, WordsAfterTheLabelsMayBeFiles) {
     EXPECT_EQ(run("--label 3 balls.mha a.stl").code, 0);
     EXPECT_EQ(run("balls.mha --label 3 b.obj --smooth 5").code, 0);

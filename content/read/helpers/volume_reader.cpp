@@ -2,7 +2,6 @@
 #include <itkGDCMSeriesFileNames.h>
 #include <itkMetaDataObject.h>
 #include <itkMetaImageIO.h>
-#include <itkNiftiImageIO.h>
 #include <itkNrrdImageIO.h>
 #include <zlib.h>
 
@@ -14,6 +13,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <new>
 #include <string_view>
 
@@ -25,7 +25,7 @@
 // Reads a volume with ITK and writes it in the format of content/volume/volume_stream.hpp. It is a separate program
 // because ITK is large and its readers are not robust against damaged files; content/volume/volume_file.hpp runs it
 // within limits. SERIES is the UID of a DICOM series; empty = the only one. Exit codes: 0 read, 1 not read
-// (the last line of standard error has the reason), kChildOutOfMemory.
+// (the last line of standard error has the reason), kChildOutOfMemory. A warning is a last line "warning: ...".
 namespace trocar {
 namespace {
 
@@ -34,9 +34,14 @@ using ImageIO = itk::ImageIOBase;
 
 [[noreturn]] void fail(const std::string& reason) { throw InputError(reason); }
 
-bool ends_with(std::string name, const std::string& ending) {
-    for (char& c : name) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c | 0x20) : c;
-    return name.size() >= ending.size() && name.compare(name.size() - ending.size(), ending.size(), ending) == 0;
+std::string lower_case(std::string text) {
+    for (char& c : text) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c | 0x20) : c;
+    return text;
+}
+
+std::string trimmed(const std::string& text) {
+    const size_t begin = text.find_first_not_of(" \t\r"), end = text.find_last_not_of(" \t\r");
+    return begin == std::string::npos ? "" : text.substr(begin, end - begin + 1);
 }
 
 VoxelType voxel_type(const ImageIO& io) {
@@ -68,9 +73,6 @@ VoxelType voxel_type(const ImageIO& io) {
 
 // Reads the file's metadata, without voxels.
 VolumeStreamHeader describe(const ImageIO& io) {
-    if (io.GetNumberOfComponents() != 1) {
-        fail("has " + std::to_string(io.GetNumberOfComponents()) + " values a voxel; one is needed");
-    }
     const unsigned dimensions = io.GetNumberOfDimensions();
     for (unsigned k = 3; k < dimensions; ++k) {
         if (io.GetDimensions(k) > 1) fail("has " + std::to_string(dimensions) + " dimensions; three are needed");
@@ -78,7 +80,8 @@ VolumeStreamHeader describe(const ImageIO& io) {
     if (dimensions < 2) fail("has one dimension; three are needed");
     VolumeStreamHeader header;
     header.type = static_cast<uint32_t>(voxel_type(io));
-    header.voxel_bytes = io.GetComponentSize();
+    header.layers = io.GetNumberOfComponents();
+    header.voxel_bytes = io.GetComponentSize() * header.layers;
     for (unsigned k = 0; k < 3; ++k) {
         const bool there = k < dimensions;
         header.size[k] = there ? io.GetDimensions(k) : 1;
@@ -107,60 +110,6 @@ std::vector<char> read_voxels(ImageIO& io, size_t bytes) {
     return voxels;
 }
 
-// Uncompressed size of a gzip file, bytes; fails if the stream is damaged or truncated.
-uint64_t unpacked_bytes(const fs::path& path) {
-    const gzFile file = gzopen(path.c_str(), "rb");
-    if (file == nullptr) fail("cannot be opened");
-    std::vector<char> buffer(1 << 20);
-    uint64_t total = 0;
-    int got = 0;
-    while ((got = gzread(file, buffer.data(), static_cast<unsigned>(buffer.size()))) > 0) total += static_cast<uint64_t>(got);
-    const int closed = gzclose(file);
-    if (got < 0 || closed != Z_OK) fail("the packed file is damaged or cut short after " + std::to_string(total) + " bytes");
-    return total;
-}
-
-template <typename Value>
-Value header_value(const std::vector<char>& header, size_t at, bool swapped) {
-    std::array<char, sizeof(Value)> bytes;
-    std::memcpy(bytes.data(), header.data() + at, sizeof(Value));
-    if (swapped) std::reverse(bytes.begin(), bytes.end());
-    Value value;
-    std::memcpy(&value, bytes.data(), sizeof(Value));
-    return value;
-}
-
-// ITK accepts a truncated NIfTI file and leaves the missing voxels uninitialised; this checks the length
-// (nifti1.h: sizeof_hdr 0, dim 40, bitpix 72, vox_offset 108; nifti2.h: bitpix 14, dim 16, vox_offset 168).
-void check_nifti_length(const fs::path& path) {
-    const gzFile file = gzopen(path.c_str(), "rb");
-    if (file == nullptr) fail("cannot be opened");
-    std::vector<char> header(540, 0);
-    const int got = gzread(file, header.data(), static_cast<unsigned>(header.size()));
-    gzclose(file);
-    if (got < 348) fail("ends within its header");
-    const int32_t plain = header_value<int32_t>(header, 0, false), turned = header_value<int32_t>(header, 0, true);
-    const bool second = plain == 540 || turned == 540, swapped = turned == 348 || turned == 540;
-    if (!second && plain != 348 && turned != 348) fail("is not NIfTI");
-    const double offset = second ? double(header_value<int64_t>(header, 168, swapped)) : header_value<float>(header, 108, swapped);
-    double bits = header_value<int16_t>(header, second ? 14 : 72, swapped);
-    const int64_t dimensions = second ? header_value<int64_t>(header, 16, swapped) : header_value<int16_t>(header, 40, swapped);
-    if (dimensions < 1 || dimensions > 7) fail("names " + std::to_string(dimensions) + " dimensions");
-    for (int64_t k = 1; k <= dimensions; ++k) {
-        bits *= double(second ? header_value<int64_t>(header, 16 + 8 * size_t(k), swapped)
-                              : header_value<int16_t>(header, 40 + 2 * size_t(k), swapped));
-    }
-    const double wanted = offset + bits / 8;
-    if (!(wanted >= 0)) fail("has sizes below zero");
-    const uint64_t there = unpacked_bytes(path);
-    if (double(there) < wanted) {
-        char text[128];
-        std::snprintf(text, sizeof text, "is cut short: its header asks for %.0f bytes, %llu are there", wanted,
-                      static_cast<unsigned long long>(there));
-        fail(text);
-    }
-}
-
 std::string file_bytes(const fs::path& path) {
     std::ifstream stream(path, std::ios::binary);
     if (!stream) fail(path.filename().string() + " cannot be opened");
@@ -186,27 +135,48 @@ uint64_t inflated_bytes(std::string_view packed) {
     return total;
 }
 
-// ITK also accepts a truncated MetaImage. Header lines are "Key = value"; the last is ElementDataFile, whose
-// voxels follow (LOCAL) or are in a file of their own.
-void check_meta_length(const fs::path& path, uint64_t wanted) {
-    const std::string bytes = file_bytes(path);
-    const size_t key = bytes.find("ElementDataFile");
-    if (key == std::string::npos) fail("has no ElementDataFile");
-    const size_t line_end = std::min(bytes.find('\n', key), bytes.size());
-    std::string name = bytes.substr(key, line_end - key);
-    name.erase(0, name.find('=') == std::string::npos ? name.size() : name.find('=') + 1);
-    name.erase(0, std::min(name.find_first_not_of(" \t"), name.size()));
-    name.erase(name.find_last_not_of(" \t\r") + 1);
-    const std::string_view head = std::string_view(bytes).substr(0, key);
-    const size_t packed_key = head.find("CompressedData ");
-    const bool packed = packed_key != std::string_view::npos &&
-                        head.substr(packed_key, head.find('\n', packed_key) - packed_key).find("rue") != std::string_view::npos;
-    const std::string there = name == "LOCAL" || name == "Local" || name == "local" ? bytes.substr(std::min(line_end + 1, bytes.size()))
-                                                                                    : file_bytes(path.parent_path() / name);
-    const uint64_t count = packed ? inflated_bytes(there) : there.size();
-    if (count < wanted) {
-        fail("is cut short: its header asks for " + std::to_string(wanted) + " bytes, " + std::to_string(count) + " are there");
+// A text header and the bytes of the file behind it.
+struct TextHeader {
+    std::string bytes;
+    size_t end = 0;                            // of the header
+    std::map<std::string, std::string> value;  // by key in lower case
+};
+
+// Lines "key: value" up to an empty line (NRRD), or "Key = value" up to ElementDataFile (MetaImage).
+TextHeader read_text_header(const fs::path& path) {
+    TextHeader header;
+    header.bytes = file_bytes(path);
+    for (bool last = false; !last && header.end < header.bytes.size();) {
+        const size_t stop = std::min(header.bytes.find('\n', header.end), header.bytes.size());
+        const std::string line = trimmed(header.bytes.substr(header.end, stop - header.end));
+        header.end = std::min(stop + 1, header.bytes.size());
+        const size_t between = line.find_first_of(":=");
+        const std::string key = lower_case(trimmed(line.substr(0, between)));
+        last = line.empty() || key == "elementdatafile";
+        if (between != std::string::npos) header.value.emplace(key, trimmed(line.substr(between + 1)));
     }
+    return header;
+}
+
+// ITK takes voxels that are cut short (MetaImage) or go on after their end. They follow the header, or are one file of their
+// own; lists of files are left to ITK.
+void check_length(const fs::path& path, uint64_t wanted) {
+    const TextHeader header = read_text_header(path);
+    const auto value = [&](const char* key) { return header.value.contains(key) ? header.value.at(key) : std::string(); };
+    const std::string name = value("elementdatafile") + value("data file") + value("datafile"), coding = lower_case(value("encoding"));
+    const std::string word = lower_case(name).substr(0, 4);
+    if (word == "list" || name.find('%') != std::string::npos) return;
+    const bool packed = coding == "gzip" || coding == "gz" || lower_case(value("compresseddata")) == "true";
+    if ((!coding.empty() && !packed && coding != "raw") || header.value.contains("line skip") || header.value.contains("lineskip")) return;
+    const bool attached = name.empty() || lower_case(name) == "local";
+    const std::string there = attached ? header.bytes.substr(header.end) : file_bytes(path.parent_path() / name);
+    const uint64_t count = packed ? inflated_bytes(there) : there.size();
+    const std::string skip = value("byte skip") + value("byteskip") + value("headersize");  // -1: the voxels are the last bytes
+    const uint64_t asked = wanted + (skip.empty() ? 0 : std::strtoull(skip.c_str(), nullptr, 10) * (skip[0] != '-'));
+    const std::string sizes = "its header asks for " + std::to_string(asked) + " bytes, " + std::to_string(count) + " are there";
+    if (count < asked) fail("is cut short: " + sizes);
+    if (count > asked && skip[0] != '-')
+        std::fprintf(stderr, "warning: is longer than it says, and the end is passed over: %s\n", sizes.c_str());
 }
 
 // ITK also accepts a DICOM file with truncated pixels. PixelData (7FE0,0010) is the last element with that
@@ -229,7 +199,7 @@ void write_file(const fs::path& path, ImageIO& io) {
     io.SetFileName(path.string());
     io.ReadImageInformation();
     const VolumeStreamHeader header = describe(io);
-    if (dynamic_cast<itk::MetaImageIO*>(&io) != nullptr) check_meta_length(path, header.voxel_bytes);
+    check_length(path, header.voxel_bytes);
     const std::vector<char> voxels = read_voxels(io, header.voxel_bytes);
     write_bytes(&header, sizeof header);
     write_bytes(voxels.data(), voxels.size());
@@ -344,13 +314,9 @@ void write_series(const std::vector<std::string>& files) {
 
 void write_volume(const fs::path& path, const std::string& series) {
     if (fs::is_directory(path)) return write_series(series_files(path, series));
-    const std::string name = path.filename().string();
-    if (ends_with(name, ".nii") || ends_with(name, ".nii.gz")) {
-        check_nifti_length(path);
-        return write_file(path, *itk::NiftiImageIO::New());
-    }
-    if (ends_with(name, ".nrrd") || ends_with(name, ".nhdr")) return write_file(path, *itk::NrrdImageIO::New());
-    if (ends_with(name, ".mha") || ends_with(name, ".mhd")) return write_file(path, *itk::MetaImageIO::New());
+    const std::string ending = lower_case(path.extension().string());
+    if (ending == ".nrrd" || ending == ".nhdr") return write_file(path, *itk::NrrdImageIO::New());
+    if (ending == ".mha" || ending == ".mhd") return write_file(path, *itk::MetaImageIO::New());
     const auto dicom = itk::GDCMImageIO::New();
     if (!dicom->CanReadFile(path.c_str())) fail("not a volume this program reads (.nrrd .nhdr .mha .mhd .nii .nii.gz, DICOM)");
     write_series({path.string()});

@@ -48,29 +48,14 @@ std::string describe_path(const Walk& w, NodeId last) {
     throw InputError(position_of(w.scene, id) + ": " + reason + describe_path(w, id));
 }
 
-Placement translation(const Vec3d& t) {
-    Placement p;
-    for (size_t r = 0; r < 3; ++r) p.m[4 * r + 3] = t[static_cast<int>(r)];
-    return p;
-}
+Placement translation(const Vec3d& t) { return {Eigen::Matrix3d::Identity(), t}; }
 
-Placement scaling(const Vec3d& s) {
-    Placement p;
-    for (size_t r = 0; r < 3; ++r) p.m[5 * r] = s[static_cast<int>(r)];
-    return p;
-}
+Placement scaling(const Vec3d& s) { return {s.asDiagonal(), Vec3d::Zero()}; }
 
-// Rotation about an axis by an angle in radians (Rodrigues); the identity if the axis has no length.
+// Rotation about an axis by an angle in radians; the identity if the axis has no length.
 Placement rotation(const Vec3d& axis, double angle) {
-    const double length = axis.norm();
-    Placement p;
-    if (!(length > 0)) return p;
-    const Vec3d a = axis / length;
-    const double c = std::cos(angle), s = std::sin(angle), d = 1 - c;
-    p.m = {c + a[0] * a[0] * d,        a[0] * a[1] * d - a[2] * s, a[0] * a[2] * d + a[1] * s, 0,
-           a[1] * a[0] * d + a[2] * s, c + a[1] * a[1] * d,        a[1] * a[2] * d - a[0] * s, 0,
-           a[2] * a[0] * d - a[1] * s, a[2] * a[1] * d + a[0] * s, c + a[2] * a[2] * d,        0};
-    return p;
+    if (!(axis.norm() > 0)) return {};
+    return {Eigen::AngleAxisd(angle, axis / axis.norm()).toRotationMatrix(), Vec3d::Zero()};
 }
 
 // The numbers of a field, or `otherwise` if there are fewer.
@@ -118,14 +103,11 @@ Placement transform_of(const Walk& w, NodeId id) {
     return combine(p, translation(-center));
 }
 
-// VRML 1.0 multiplies row vectors by matrices, so the translation is the last row.
+// VRML 1.0 multiplies row vectors by matrices, so the translation is the last row; the node of X3D browsers is the same.
 Placement matrix_of(const Walk& w, NodeId id) {
     const auto rows = values<16>(w, id, "matrix", {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1});
-    Placement p;
-    for (size_t r = 0; r < 3; ++r) {
-        for (size_t c = 0; c < 4; ++c) p.m[4 * r + c] = rows[4 * c + r];
-    }
-    return p;
+    const Eigen::Map<const Eigen::Matrix4d> matrix(rows.data());
+    return {matrix.topLeftCorner<3, 3>(), matrix.col(3).head<3>()};
 }
 
 void push_list(Walk& w, NodeId owner, const Value& list, Range refs, Restore restore) {
@@ -140,10 +122,17 @@ void push_list(Walk& w, NodeId owner, const Value& list, Range refs, Restore res
     w.stack.push_back(visit);
 }
 
-// Pushes the children: those in the children field, or those without a field name (VRML 1.0).
-void push_children(Walk& w, NodeId id, Restore restore) {
-    const Value children = find_value(w.scene, id, "children");
-    push_list(w, id, children, children ? children.field->nodes : node_of(w.scene, id).children, restore);
+// Pushes the children, below a placement of their own: those in the children field, or those without a field name
+// (VRML 1.0), then those in the fields of humanoids, faces of CAD parts and sets of layers. The joints, segments and
+// sites of a humanoid repeat those of its skeleton.
+void push_children(Walk& w, NodeId id, Restore restore, const Placement& inner = {}) {
+    Placement outer = combine(w.state.placement, inner);
+    for (const std::string_view name : {"layers", "shape", "skin", "humanoidBody", "skeleton", "children"}) {  // the last is visited first
+        const Value list = find_value(w.scene, id, name);
+        if (!list && name != "children") continue;
+        push_list(w, id, list, list ? list.field->nodes : node_of(w.scene, id).children, restore);
+        w.state.placement = outer;
+    }
 }
 
 // Pushes one child of a switch, by index; all children for -3.
@@ -167,7 +156,10 @@ void visit_switch(Walk& w, NodeId id) {
 void visit_inline(Walk& w, NodeId id) {
     Value url = find_value(w.scene, id, "url");
     if (!url) url = find_value(w.scene, id, "name");
-    if (!flag_of(find_value(w.scene, id, "load"), true)) return;
+    if (!flag_of(find_value(w.scene, id, "load"), true)) {
+        if (first_time(w.scene, "load")) w.scene.warnings.push_back(position_of(w.scene, id) + ": a file is not read: load is FALSE");
+        return;
+    }
     const uint32_t row = load_first(w.scene, url);
     if (row == kNone) return;
     const uint32_t inlined = w.stack.back().inlined + 1;
@@ -242,11 +234,31 @@ void visit_shape(Walk& w, NodeId id) {
     if (geometry.node != kNone) add_surface(w, state, geometry);
 }
 
-void visit_transform(Walk& w, NodeId id) {
+void visit_transform(Walk& w, NodeId id, const Placement& own) {
     const bool group = w.scene.file[id.document]->language != Language::kOne || find_value(w.scene, id, "children") ||
                        node_of(w.scene, id).children.count > 0;
-    if (group) push_children(w, id, Restore::kAll);
-    w.state.placement = combine(w.state.placement, transform_of(w, id));
+    if (group) return push_children(w, id, Restore::kAll, own);
+    w.state.placement = combine(w.state.placement, own);
+}
+
+// The part of the state that a property node replaces, if it is one (VRML 1.0).
+NodeId* property_of(State& state, Role role) {
+    switch (role) {
+        case Role::kCoordinate:
+            return &state.coordinate;
+        case Role::kTextureCoordinate:
+            return &state.texture_coordinate;
+        case Role::kMaterial:
+            return &state.material;
+        case Role::kMaterialBinding:
+            return &state.material_binding;
+        case Role::kTexture:
+            return &state.texture;
+        case Role::kTextureTransform:
+            return &state.texture_transform;
+        default:
+            return nullptr;
+    }
 }
 
 void visit_node(Walk& w, NodeId id) {
@@ -254,7 +266,7 @@ void visit_node(Walk& w, NodeId id) {
         fail(w, id, "USE and PROTO expand to more than the limit of " + std::to_string(kExpansionLimit) + " nodes");
     }
     id = resolve(w.scene, id);
-    Placement& placement = w.state.placement;
+    const auto place = [&w](const Placement& next) { w.state.placement = combine(w.state.placement, next); };
     const Role role = role_of(w.scene, id);
     switch (role) {
         case Role::kGroup:
@@ -264,24 +276,19 @@ void visit_node(Walk& w, NodeId id) {
         case Role::kTransformGroup:
             return push_children(w, id, Restore::kTransform);
         case Role::kTransform:
-            return visit_transform(w, id);
-        case Role::kTranslation:
-            placement = combine(placement, translation(vector_of(w, id, "translation", 0)));
-            return;
-        case Role::kRotation:
-            placement = combine(placement, rotation_of(w, id, "rotation", 1));
-            return;
-        case Role::kRotationXYZ:
-            placement = combine(placement, rotation_about_axis(w, id));
-            return;
-        case Role::kResetTransform:
-            placement = {};
-            return;
-        case Role::kScale:
-            placement = combine(placement, scaling(vector_of(w, id, "scaleFactor", 1)));
-            return;
+            return visit_transform(w, id, transform_of(w, id));
         case Role::kMatrix:
-            placement = combine(placement, matrix_of(w, id));
+            return visit_transform(w, id, matrix_of(w, id));
+        case Role::kTranslation:
+            return place(translation(vector_of(w, id, "translation", 0)));
+        case Role::kRotation:
+            return place(rotation_of(w, id, "rotation", 1));
+        case Role::kRotationXYZ:
+            return place(rotation_about_axis(w, id));
+        case Role::kScale:
+            return place(scaling(vector_of(w, id, "scaleFactor", 1)));
+        case Role::kResetTransform:
+            w.state.placement = {};
             return;
         case Role::kSwitch:
             return visit_switch(w, id);
@@ -291,31 +298,12 @@ void visit_node(Walk& w, NodeId id) {
             return visit_inline(w, id);
         case Role::kShape:
             return visit_shape(w, id);
-        case Role::kCoordinate:
-            w.state.coordinate = id;
-            return;
-        case Role::kTextureCoordinate:
-            w.state.texture_coordinate = id;
-            return;
-        case Role::kMaterial:
-            w.state.material = id;
-            return;
-        case Role::kMaterialBinding:
-            w.state.material_binding = id;
-            return;
-        case Role::kTexture:
-            w.state.texture = id;
-            return;
-        case Role::kTextureTransform:
-            w.state.texture_transform = id;
-            return;
         case Role::kShapeHints:
             w.state.clockwise = text_of(find_value(w.scene, id, "vertexOrdering")) == "CLOCKWISE";
             return;
-        case Role::kUnsupported:
-            return add_surface(w, w.state, id);
         default:
-            if (takes_points(role) || is_primitive(role)) add_surface(w, w.state, id);
+            if (NodeId* const property = property_of(w.state, role)) *property = id;
+            if (role == Role::kUnsupported || takes_points(role) || is_primitive(role)) add_surface(w, w.state, id);
             return;
     }
 }
@@ -367,9 +355,10 @@ bool looks_like_vrml(std::string_view text) {
     }
 }
 
-LoadedMesh flatten_document(Document document, const LoadProgress& progress) {
+LoadedMesh flatten_document(Document document, const LoadOptions& options) {
     LoadedMesh loaded;
     Scene scene;
+    scene.roots = options.roots;
     const std::string path = document.path.string();
     add_file(scene, std::move(document));
     Walk walk{scene};
@@ -377,7 +366,7 @@ LoadedMesh flatten_document(Document document, const LoadProgress& progress) {
     SurfaceBuilder builder{scene, loaded.mesh};
     builder.report = [&] {
         const double done = static_cast<double>(loaded.mesh.triangle.size()) / static_cast<double>(walk.triangles + 1);
-        if (progress) progress(kTextShare + (1 - kTextShare) * done);
+        if (options.progress) options.progress(kTextShare + (1 - kTextShare) * done);
     };
     loaded.mesh.triangle.reserve(walk.triangles);
     loaded.mesh.triangle_material.reserve(walk.triangles);

@@ -16,6 +16,6 @@ bool looks_like_vrml(std::string_view text);
 // names, or else from the header. Not welded. Throws InputError "file:line:column: reason (in Separator >
 // IndexedFaceSet)" if limits are exceeded, for a non-finite point, and for recursive files or prototypes;
 // anything else it cannot use is a warning.
-LoadedMesh flatten_document(Document document, const LoadProgress& progress = {});
+LoadedMesh flatten_document(Document document, const LoadOptions& options);
 
 }  // namespace trocar::vrml

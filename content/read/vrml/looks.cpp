@@ -64,12 +64,11 @@ const std::pair<std::string, Image>& texture_of(SurfaceBuilder& b, NodeId id) {
         return found->second;
     }
     const Document& document = b.scene.file[id.document]->document;
-    const std::filesystem::path root = b.scene.file[0]->document.path.parent_path();
     std::string first_trouble;
     for (const std::string& url : urls) {
         Material material;
         material.texture = url;
-        const std::string trouble = load_texture(root, document.path.parent_path(), material);
+        const std::string trouble = load_texture(b.scene.roots, document.path.parent_path(), material);
         if (trouble.empty()) {
             found->second = {url, std::move(material.image)};
             return found->second;

@@ -1,15 +1,10 @@
 #include "content/read/vrml/made_surfaces.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-
 namespace trocar::vrml {
 namespace {
-
-double number_of(const Scene& scene, NodeId id, std::string_view name, double otherwise) {
-    const std::span<const double> numbers = numbers_at(scene, id, name);
-    return numbers.empty() ? otherwise : numbers[0];
-}
 
 // A number as an integer in [0, limit]; `limit` for larger, negative ("all the rest") or non-integer values.
 uint64_t whole(double number, uint64_t limit) {
@@ -105,19 +100,13 @@ std::array<uint64_t, 2> grid_size(const Scene& scene, NodeId id) {
 
 using Frame = std::array<Vec3d, 3>;  // x, y, z axis of a cross-section plane
 
-Vec3d cross(const Vec3d& a, const Vec3d& b) { return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}; }
-
 // Unit vector; zero for a zero vector.
 Vec3d unit(const Vec3d& v) {
     const double length = v.norm();
     return length > 0 && std::isfinite(length) ? Vec3d(v / length) : Vec3d(Vec3d::Zero());
 }
 
-Vec3d turn(const Vec3d& v, const Vec3d& axis, double angle) {
-    const Vec3d a = unit(axis);
-    const double c = std::cos(angle);
-    return v * c + cross(a, v) * std::sin(angle) + a * (a.dot(v) * (1 - c));
-}
+Vec3d turn(const Vec3d& v, const Vec3d& axis, double angle) { return Eigen::AngleAxisd(angle, unit(axis)) * v; }
 
 struct Outline {
     std::vector<Vec3d> spine;
@@ -149,7 +138,7 @@ std::vector<Frame> frames_of(const Outline& o) {
         const Vec3d before = k > 0 ? p[k - 1] : o.closed_spine ? p[n - 2] : p[0];
         const Vec3d after = k + 1 < n ? p[k + 1] : o.closed_spine ? p[1] : p[n - 1];
         frame[k][1] = unit(after - before);
-        if (!end || o.closed_spine) frame[k][2] = unit(cross(after - p[k], before - p[k]));
+        if (!end || o.closed_spine) frame[k][2] = unit((after - p[k]).cross(before - p[k]));
         if (frame[k][1].isZero() && k > 0) frame[k][1] = frame[k - 1][1];
         if (first_z.isZero()) first_z = frame[k][2];
     }
@@ -158,7 +147,7 @@ std::vector<Frame> frames_of(const Outline& o) {
     }
     if (first_z.isZero()) {
         // straight spine: rotate the axes by the smallest rotation that brings y to the spine
-        const Vec3d y = frame[0][1], axis = cross(Vec3d(0, 1, 0), y);
+        const Vec3d y = frame[0][1], axis = Vec3d(0, 1, 0).cross(y);
         const double angle = std::atan2(axis.norm(), y[1]);
         first_z = axis.norm() > 0 ? turn(Vec3d(0, 0, 1), axis, angle) : Vec3d(0, 0, y[1] < 0 ? -1 : 1);
     }
@@ -167,7 +156,7 @@ std::vector<Frame> frames_of(const Outline& o) {
         if (f[2].isZero()) f[2] = z;
         if (f[2].dot(z) < 0) f[2] = -f[2];
         z = f[2];
-        f[0] = unit(cross(f[1], f[2]));
+        f[0] = unit(f[1].cross(f[2]));
     }
     return frame;
 }

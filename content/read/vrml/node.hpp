@@ -31,20 +31,22 @@ struct Field {
 };
 
 struct Node {
-    Range type;           // bytes
-    Range name;           // bytes, DEF name; empty if none
-    uint32_t offset = 0;  // position of its type
-    Range fields;         // indices into Document::field
-    Range children;       // indices into Document::ref: nodes without a field name (VRML 1.0)
+    Range type;                  // bytes
+    Range name;                  // bytes, DEF name; empty if none
+    uint32_t offset = 0;         // position of its type
+    Range fields;                // indices into Document::field
+    Range children;              // indices into Document::ref: nodes without a field name (VRML 1.0)
+    uint32_t prototype = kNone;  // index of the PROTO that its type names where it stands
 };
 
 // PROTO (body) or EXTERNPROTO (url).
 struct Prototype {
     Range name;  // bytes
     uint32_t offset = 0;
-    Range interface;  // indices into Document::field; the values are the defaults
-    Range body;       // indices into Document::ref
-    Range url;        // indices into Document::word
+    Range interface;      // indices into Document::field; the values are the defaults
+    Range body;           // indices into Document::ref
+    Range url;            // indices into Document::word
+    bool nested = false;  // declared in the body of another PROTO, outside of which its name means nothing
 };
 
 struct Document {

@@ -1,7 +1,6 @@
 #include "content/read/vrml/parser.hpp"
 
 #include <algorithm>
-#include <unordered_map>
 #include <utility>
 
 #include "content/read/vrml/lexer.hpp"
@@ -29,51 +28,18 @@ struct Frame {
     Field field;               // array and single
 };
 
-using Names = std::unordered_map<std::string_view, uint32_t>;
-
-struct Parser {
-    Document document;
+struct Parser : DocumentBuilder {
     Lexer lexer;
     std::vector<Frame> frames;
     std::vector<NodeRef> refs;  // of open frames; moved to the document when their frame ends
     std::vector<Field> fields;  // likewise
-    std::vector<uint8_t> open;  // per node: closing brace not read yet
-    std::vector<Names> names;   // DEF names; each PROTO body has a scope of its own
-    uint32_t open_nodes = 0;
-    size_t suppressed = 0;  // warnings beyond the first hundred
 };
-
-constexpr size_t kWarningLimit = 100;
 
 std::string_view token_text(const Parser& p, const Token& token) {
     return std::string_view(p.document.text).substr(token.offset, token.length);
 }
 
 Range range_of(const Token& token) { return {token.offset, token.length}; }
-
-std::string describe_path(const Parser& p) {
-    std::vector<std::string> types;
-    for (const Frame& frame : p.frames) {
-        if (frame.kind == FrameKind::kNode) {
-            types.push_back(printable(text_of(p.document, p.document.node[frame.row].type)));
-        } else if (frame.kind == FrameKind::kBody) {
-            types.push_back("PROTO " + printable(text_of(p.document, p.document.prototype[frame.row].name)));
-        }
-    }
-    return vrml::describe_path(types);
-}
-
-[[noreturn]] void fail(const Parser& p, uint32_t offset, const std::string& reason) {
-    throw InputError(describe_location(p.document, offset) + ": " + reason + describe_path(p));
-}
-
-void warn(Parser& p, uint32_t offset, const std::string& text) {
-    if (p.document.warnings.size() >= kWarningLimit) {
-        ++p.suppressed;
-    } else {
-        p.document.warnings.push_back(describe_location(p.document, offset) + ": " + text + describe_path(p));
-    }
-}
 
 std::string shown(const Parser& p, const Token& token) {
     switch (token.kind) {
@@ -149,16 +115,13 @@ void open_node(Parser& p, const Token& type, Range name) {
     if (brace.kind != TokenKind::kOpenBrace) {
         fail(p, brace.offset, "expected '{' after node type " + shown(p, type) + ", found " + shown(p, brace));
     }
-    if (p.open_nodes > kNestingLimit) {
+    if (p.open.size() > kNestingLimit) {
         fail(p, type.offset, "nodes nested deeper than the limit of " + std::to_string(kNestingLimit));
     }
-    const auto row = static_cast<uint32_t>(p.document.node.size());
-    if (row >= kNodeLimit) fail(p, type.offset, more_than(kNodeLimit, "nodes"));
-    p.document.node.push_back({range_of(type), name, type.offset, {}, {}});
-    p.open.push_back(true);
-    if (name.count > 0) p.names.back()[text_of(p.document, name)] = row;
+    const uint32_t prototype = visible_prototype(p, token_text(p, type));
+    const uint32_t row = add_node(p, range_of(type), prototype, name, text_of(p.document, name), type.offset);
     push_frame(p, FrameKind::kNode, row, type.offset);
-    ++p.open_nodes;
+    p.open.push_back({row, false});
 }
 
 void close_node(Parser& p) {
@@ -166,8 +129,7 @@ void close_node(Parser& p) {
     Node& node = p.document.node[frame.row];
     node.fields = move_tail(p.fields, frame.first_field, p.document.field);
     node.children = move_tail(p.refs, frame.first_ref, p.document.ref);
-    p.open[frame.row] = false;
-    --p.open_nodes;
+    p.open.pop_back();
     p.frames.pop_back();
     p.refs.push_back({frame.row, false});
     close_single(p);
@@ -176,16 +138,8 @@ void close_node(Parser& p) {
 void read_use(Parser& p, const Token& keyword) {
     const Token name = next_name(p.lexer);
     if (name.length == 0) fail(p, keyword.offset, "USE without a name");
-    const auto found = p.names.back().find(token_text(p, name));
-    if (found == p.names.back().end()) {
-        warn(p, name.offset, "USE of '" + printable(token_text(p, name)) + "', which no DEF before it names");
-    } else if (p.open[found->second] && text_of(p.document, p.document.node[found->second].type) == "Script") {
-        // a script that references itself contributes no geometry
-    } else if (p.open[found->second]) {
-        fail(p, name.offset, "USE of '" + printable(token_text(p, name)) + "' inside itself");
-    } else {
-        p.refs.push_back({found->second, true});
-    }
+    const uint32_t row = find_used_node(p, token_text(p, name), name.offset);
+    if (row != kNone) p.refs.push_back({row, true});
     close_single(p);
 }
 
@@ -292,9 +246,7 @@ void open_prototype(Parser& p, const Token& keyword, bool external) {
     if (name.length == 0 || bracket.kind != TokenKind::kOpenBracket) {
         fail(p, bracket.offset, "expected a name and '[' after " + shown(p, keyword));
     }
-    const auto row = static_cast<uint32_t>(p.document.prototype.size());
-    if (row >= kNodeLimit) fail(p, keyword.offset, more_than(kNodeLimit, "prototypes"));
-    p.document.prototype.push_back({range_of(name), name.offset, {}, {}, {}});
+    const uint32_t row = add_prototype(p, range_of(name), token_text(p, name), name.offset);
     push_frame(p, external ? FrameKind::kExternal : FrameKind::kInterface, row, keyword.offset);
 }
 
@@ -307,7 +259,8 @@ void close_interface(Parser& p) {
         const Token brace = next_token(p.lexer);
         if (brace.kind != TokenKind::kOpenBrace) fail(p, brace.offset, "expected '{' and the body of the PROTO");
         push_frame(p, FrameKind::kBody, frame.row, brace.offset);
-        p.names.emplace_back();
+        p.open.push_back({frame.row, true});
+        p.scopes.emplace_back();
         return;
     }
     Field url;
@@ -369,14 +322,17 @@ bool read_file_statement(Parser& p, const Token& token) {
     return false;
 }
 
+void read_root_node(Parser& p, const Token& token) {
+    if (token.kind != TokenKind::kWord || !begins_node(p, token)) fail(p, token.offset, "expected a node, found " + shown(p, token));
+    read_node_word(p, token);
+}
+
 void step_file(Parser& p, const Token& token) {
     if (token.kind == TokenKind::kCloseBrace || token.kind == TokenKind::kCloseBracket) {
         return warn(p, token.offset, shown(p, token) + " closes nothing and is passed over");
     }
-    if (token.kind != TokenKind::kWord) fail(p, token.offset, "expected a node, found " + shown(p, token));
-    if (read_statement(p, token) || read_file_statement(p, token)) return;
-    if (!begins_node(p, token)) fail(p, token.offset, "expected a node, found " + shown(p, token));
-    read_node_word(p, token);
+    const bool statement = token.kind == TokenKind::kWord && (read_statement(p, token) || read_file_statement(p, token));
+    if (!statement) read_root_node(p, token);
 }
 
 void step_node(Parser& p, const Token& token) {
@@ -441,13 +397,11 @@ void step_body(Parser& p, const Token& token) {
         p.document.prototype[p.frames.back().row].body = move_tail(p.refs, p.frames.back().first_ref, p.document.ref);
         p.fields.resize(p.frames.back().first_field);
         p.frames.pop_back();
-        p.names.pop_back();
+        p.open.pop_back();
+        p.scopes.pop_back();
         return;
     }
-    if (token.kind != TokenKind::kWord) fail(p, token.offset, "expected a node or '}', found " + shown(p, token));
-    if (read_statement(p, token)) return;
-    if (!begins_node(p, token)) fail(p, token.offset, "expected a node, found " + shown(p, token));
-    read_node_word(p, token);
+    if (token.kind != TokenKind::kWord || !read_statement(p, token)) read_root_node(p, token);
 }
 
 std::string describe_open(const Parser& p) {
@@ -496,7 +450,76 @@ void parse(Parser& p, const LoadProgress& progress) {
     p.document.roots = move_tail(p.refs, 0, p.document.ref);
 }
 
+std::string describe_path(const DocumentBuilder& b) {
+    std::vector<std::string> types;
+    for (const auto& [row, body] : b.open) {
+        const Range name = body ? b.document.prototype[row].name : b.document.node[row].type;
+        types.push_back((body ? "PROTO " : "") + printable(text_of(b.document, name)));
+    }
+    return vrml::describe_path(types);
+}
+
 }  // namespace
+
+void fail(const DocumentBuilder& b, uint32_t offset, const std::string& reason) {
+    throw InputError(describe_location(b.document, offset) + ": " + reason + describe_path(b));
+}
+
+void warn(DocumentBuilder& b, uint32_t offset, const std::string& text) {
+    constexpr size_t kWarningLimit = 100;
+    if (b.document.warnings.size() >= kWarningLimit) {
+        ++b.suppressed;
+    } else {
+        b.document.warnings.push_back(describe_location(b.document, offset) + ": " + text + describe_path(b));
+    }
+}
+
+uint32_t visible_prototype(const DocumentBuilder& b, std::string_view name) {
+    for (size_t s = b.scopes.size(); s-- > 0;) {
+        if (const auto found = b.scopes[s].prototype.find(name); found != b.scopes[s].prototype.end()) return found->second;
+    }
+    return kNone;
+}
+
+uint32_t add_node(DocumentBuilder& b, Range type, uint32_t prototype, Range name, std::string_view known_as, uint32_t offset) {
+    const auto row = static_cast<uint32_t>(b.document.node.size());
+    if (row >= kNodeLimit) fail(b, offset, more_than(kNodeLimit, "nodes"));
+    b.document.node.push_back({type, name, offset, {}, {}, prototype});
+    if (!known_as.empty()) b.scopes.back().node[known_as] = row;
+    return row;
+}
+
+uint32_t add_prototype(DocumentBuilder& b, Range name, std::string_view known_as, uint32_t offset) {
+    const auto row = static_cast<uint32_t>(b.document.prototype.size());
+    if (row >= kNodeLimit) fail(b, offset, more_than(kNodeLimit, "prototypes"));
+    b.document.prototype.push_back({name, offset, {}, {}, {}, b.scopes.size() > 1});
+    b.scopes.back().prototype[known_as] = row;
+    return row;
+}
+
+uint32_t find_used_node(DocumentBuilder& b, std::string_view name, uint32_t offset) {
+    const auto found = b.scopes.back().node.find(name);
+    if (found == b.scopes.back().node.end()) {
+        warn(b, offset, "USE of '" + printable(name) + "', which no DEF before it names");
+        return kNone;
+    }
+    bool handle = false;
+    for (size_t i = b.open.size(); i-- > 0 && !b.open[i].body;) {
+        const Node& node = b.document.node[b.open[i].row];
+        handle = handle || node.prototype != kNone || text_of(b.document, node.type) == "Script";
+        if (b.open[i].row != found->second) continue;
+        if (!handle) fail(b, offset, "USE of '" + printable(name) + "' inside itself");
+        return kNone;
+    }
+    return found->second;
+}
+
+Document finish_document(DocumentBuilder& b) {
+    if (b.suppressed > 0) {
+        b.document.warnings.push_back(b.document.path.string() + ": " + std::to_string(b.suppressed) + " more warnings left out");
+    }
+    return std::move(b.document);
+}
 
 std::string more_than(uint32_t limit, std::string_view what) {
     std::string text = "more than ";
@@ -536,17 +559,13 @@ Document parse_document(std::string text, std::filesystem::path path, const Load
     p.document.path = std::move(path);
     p.document.text = std::move(text);
     p.lexer.text = p.document.text;
-    p.names.emplace_back();
     if (p.document.text.starts_with("\xef\xbb\xbf")) p.lexer.at = 3;
     try {
         parse(p, progress);
     } catch (const LexicalFault& fault) {
         fail(p, fault.offset, fault.reason);
     }
-    if (p.suppressed > 0) {
-        p.document.warnings.push_back(p.document.path.string() + ": " + std::to_string(p.suppressed) + " more warnings left out");
-    }
-    return std::move(p.document);
+    return finish_document(p);
 }
 
 }  // namespace trocar::vrml

@@ -7,11 +7,6 @@ namespace {
 
 constexpr uint32_t kAround = 32, kDown = 16;
 
-double number_of(const Scene& scene, NodeId id, std::string_view name, double otherwise) {
-    const std::span<const double> numbers = numbers_of(find_value(scene, id, name), 1);
-    return numbers.empty() ? otherwise : numbers[0];
-}
-
 // Whether a part is present: VRML97 has a flag for each, VRML 1.0 a set of names.
 bool has_part(const Scene& scene, NodeId id, std::string_view flag, std::string_view part) {
     if (!flag_of(find_value(scene, id, flag), true)) return false;

@@ -5,7 +5,6 @@
 #include "content/read/vrml/flatten.hpp"
 #include "content/read/vrml/lexer.hpp"
 #include "content/read/vrml/x3d.hpp"
-#include "content/text/local_file.hpp"
 #include "content/text/words.hpp"
 #include "engine/base/error.hpp"
 #include "engine/files/text_file.hpp"
@@ -31,13 +30,6 @@ Header read_header(std::string_view text) {
     if (line.starts_with("#inventor v")) return {Language::kOne, "Inventor"};
     if (line.starts_with("#vrml")) return {Language::kBoth, "VRML"};
     return {};
-}
-
-const Prototype* find_prototype(const SceneFile& file, std::string_view name, uint32_t& row) {
-    const auto found = file.prototype.find(name);
-    if (found == file.prototype.end()) return nullptr;
-    row = found->second;
-    return &file.document.prototype[row];
 }
 
 // A type unknown to VRML 1.0 may name a known base type (isA).
@@ -67,17 +59,15 @@ void warn_about_fields(Scene& scene, const Document& document, const Node& node,
 void judge_nodes(Scene& scene, SceneFile& file) {
     const Document& document = file.document;
     uint32_t old_nodes = 0, new_nodes = 0;
-    for (size_t i = 0; i < document.prototype.size(); ++i) {
-        file.prototype[text_of(document, document.prototype[i].name)] = static_cast<uint32_t>(i);
-    }
     for (const Node& node : document.node) {
-        const NodeType type = find_node_type(text_of(document, node.type));
+        // a PROTO comes before a known type of its name; so does an EXTERNPROTO, if it leads anywhere (see resolve)
+        const NodeType type = node.prototype != kNone ? NodeType{} : find_node_type(text_of(document, node.type));
         Role role = type.role;
         old_nodes += type.language == Language::kOne;
         new_nodes += type.language == Language::k97;
         if (role != Role::kUnknown) {
             warn_about_fields(scene, document, node, type);
-        } else if (!file.prototype.contains(text_of(document, node.type))) {
+        } else if (node.prototype == kNone) {
             role = role_by_kinship(document, node);
             const std::string name = printable(text_of(document, node.type));
             if (role == Role::kUnknown && first_time(scene, "node " + name)) {
@@ -124,7 +114,7 @@ uint32_t load_file(Scene& scene, uint32_t from, const std::string& url, uint32_t
         return kNone;
     };
     if (scene.file.size() > 1000) return pass_over("more than 1000 files");
-    const LocalFile local = find_local_file(scene.file[0]->document.path.parent_path(), document.path.parent_path(), url);
+    const LocalFile local = find_local_file(scene.roots, document.path.parent_path(), url);
     if (!local.refusal.empty()) return pass_over(local.refusal);
     std::error_code fault;
     const std::string key = fs::canonical(local.path, fault).string();
@@ -160,46 +150,45 @@ std::string position_of(const Scene& scene, NodeId id) {
     return describe_location(scene.file[id.document]->document, node_of(scene, id).offset);
 }
 
-// The PROTO for an EXTERNPROTO of file `holder`, from the first file that defines it; sets file and index.
-static const Prototype* find_elsewhere(Scene& scene, const Prototype& external, uint32_t& holder, uint32_t& row) {
-    const Document& document = scene.file[holder]->document;
+// The PROTO that an EXTERNPROTO refers to, from the first of its files that declares it; row kNone if none does. Without a
+// "#name" it is the first of the file.
+static PrototypeId find_elsewhere(Scene& scene, PrototypeId external) {
+    const Document& document = scene.file[external.document]->document;
     Field field;
-    field.words = external.url;
-    for (const std::string& url : urls_of(Value{&document, &field, holder, 0})) {
+    field.words = document.prototype[external.row].url;
+    for (const std::string& url : urls_of(Value{&document, &field, external.document, 0})) {
         const size_t hash = url.find('#');
-        const uint32_t file = load_file(scene, holder, url.substr(0, hash), external.offset);
+        const uint32_t file = load_file(scene, external.document, url.substr(0, hash), document.prototype[external.row].offset);
         if (file == kNone) continue;
-        const std::vector<Prototype>& known = scene.file[file]->document.prototype;
-        const Prototype* found = known.empty() ? nullptr : known.data();
-        row = 0;
-        if (hash != std::string::npos) found = find_prototype(*scene.file[file], url.substr(hash + 1), row);
-        if (found) {
-            holder = file;
-            return found;
+        const Document& other = scene.file[file]->document;
+        for (uint32_t row = 0; row < other.prototype.size(); ++row) {
+            const bool named = hash == std::string::npos || text_of(other, other.prototype[row].name) == url.substr(hash + 1);
+            if (named && !other.prototype[row].nested) return {file, row};
         }
     }
-    return nullptr;
+    return {};
 }
 
 NodeId resolve(Scene& scene, NodeId id) {
     while (role_of(scene, id) == Role::kUnknown) {
-        const Document* document = &scene.file[id.document]->document;
-        uint32_t row = 0, holder = id.document;
-        const std::string name(text_of(*document, node_of(scene, id).type));
-        const Prototype* prototype = find_prototype(*scene.file[holder], name, row);
-        for (int hop = 0; prototype && prototype->url.count > 0; ++hop) {
+        PrototypeId found{id.document, node_of(scene, id).prototype};
+        const auto prototype_of = [&scene](PrototypeId p) { return scene.file[p.document]->document.prototype[p.row]; };
+        for (int hop = 0; found.row != kNone && prototype_of(found).url.count > 0; ++hop) {
             if (hop > 8) return id;
-            prototype = find_elsewhere(scene, *prototype, holder, row);
+            found = find_elsewhere(scene, found);
         }
-        if (prototype) document = &scene.file[holder]->document;
-        if (!prototype || prototype->body.count == 0) return id;
+        const Range body = found.row == kNone ? Range{} : prototype_of(found).body;
+        if (body.count == 0) {
+            scene.file[id.document]->role[id.node] = find_node_type(type_of(scene, id)).role;
+            return id;
+        }
         const uint32_t depth = scene.scope[id.scope].depth + 1;
         if (depth > kInlineLimit) {
             throw InputError(position_of(scene, id) + ": prototypes nested deeper than the limit of " + std::to_string(kInlineLimit));
         }
-        const auto [found, fresh] = scene.scope_of_instance.try_emplace(id, static_cast<uint32_t>(scene.scope.size()));
-        if (fresh) scene.scope.push_back({id, holder, row, depth});
-        id = {holder, document->ref[prototype->body.first].node, found->second};
+        const auto [scope, fresh] = scene.scope_of_instance.try_emplace(id, static_cast<uint32_t>(scene.scope.size()));
+        if (fresh) scene.scope.push_back({id, found, depth});
+        id = {found.document, scene.file[found.document]->document.ref[body.first].node, scope->second};
     }
     return id;
 }
@@ -221,9 +210,9 @@ Value find_value(const Scene& scene, NodeId id, std::string_view name) {
         document = &scene.file[id.document]->document;
         field = search(*document, node_of(scene, id).fields, outer);
         if (!field) {
-            id.document = scope.document;
-            document = &scene.file[scope.document]->document;
-            field = search(*document, document->prototype[scope.prototype].interface, outer);
+            id.document = scope.prototype.document;
+            document = &scene.file[id.document]->document;
+            field = search(*document, document->prototype[scope.prototype.row].interface, outer);
             if (field && field->is) return {};
         }
     }
@@ -250,6 +239,11 @@ std::span<const double> numbers_of(const Value& value, size_t least) {
 
 std::span<const double> numbers_at(const Scene& scene, NodeId id, std::string_view name) {
     return id.node == kNone ? std::span<const double>{} : numbers_of(find_value(scene, id, name));
+}
+
+double number_of(const Scene& scene, NodeId id, std::string_view name, double otherwise) {
+    const std::span<const double> numbers = numbers_of(find_value(scene, id, name), 1);
+    return numbers.empty() ? otherwise : numbers[0];
 }
 
 std::vector<std::string> urls_of(const Value& value) {

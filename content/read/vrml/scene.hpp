@@ -3,10 +3,10 @@
 #include <memory>
 #include <set>
 #include <span>
-#include <unordered_map>
 
 #include "content/read/vrml/node.hpp"
 #include "content/read/vrml/node_types.hpp"
+#include "content/text/local_file.hpp"
 namespace trocar::vrml {
 
 // A node in a file of the scene, as seen from one instance of a PROTO (scope 0: none).
@@ -17,11 +17,16 @@ struct NodeId {
     auto operator<=>(const NodeId&) const = default;
 };
 
+// A PROTO in a file of the scene.
+struct PrototypeId {
+    uint32_t document = 0;
+    uint32_t row = kNone;
+};
+
 // One instance of a PROTO, from which IS takes its values.
 struct Scope {
     NodeId instance;
-    uint32_t document = 0;  // file with the PROTO
-    uint32_t prototype = 0;
+    PrototypeId prototype;
     uint32_t depth = 0;
 };
 
@@ -30,12 +35,12 @@ struct SceneFile {
     Document document;
     Language language = Language::kBoth;  // from its nodes, otherwise from its header
     std::string format;
-    std::vector<Role> role;                                    // one per node
-    std::unordered_map<std::string_view, uint32_t> prototype;  // index of the last PROTO with that name
+    std::vector<Role> role;  // one per node
 };
 
 // A file with the files it inlines, and the warnings so far.
 struct Scene {
+    FileRoots roots;
     std::vector<std::unique_ptr<SceneFile>> file;  // 0 is the main file
     std::vector<Scope> scope;
     std::map<NodeId, uint32_t> scope_of_instance;
@@ -57,7 +62,7 @@ struct Value {
 // that is missing or contradicts the nodes.
 uint32_t add_file(Scene& scene, Document document);
 
-// Loads a file referenced by `from`; kNone and a warning if unreadable or outside the first file's folder.
+// Loads a file referenced by `from`; kNone and a warning if unreadable or outside the roots.
 uint32_t load_file(Scene& scene, uint32_t from, const std::string& url, uint32_t offset);
 
 // The first readable file of a url field, or kNone.
@@ -83,6 +88,7 @@ std::span<const double> numbers_of(const Value& value);
 // The same; InputError also if there are some numbers or a word, but fewer than `least` numbers.
 std::span<const double> numbers_of(const Value& value, size_t least);
 std::span<const double> numbers_at(const Scene& scene, NodeId id, std::string_view name);  // empty for no node
+double number_of(const Scene& scene, NodeId id, std::string_view name, double otherwise);  // the first number
 std::vector<std::string> urls_of(const Value& value);                                      // strings or words, at most 16
 std::string text_of(const Value& value);                                                   // first string or word, empty if none
 NodeId first_node(Scene& scene, const Value& value);                                       // resolved; node kNone if none

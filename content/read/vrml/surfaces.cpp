@@ -9,20 +9,9 @@
 namespace trocar::vrml {
 namespace {
 
-Vec3d apply(const Placement& p, const Vec3d& x) {
-    const auto& m = p.m;
-    return {m[0] * x[0] + m[1] * x[1] + m[2] * x[2] + m[3], m[4] * x[0] + m[5] * x[1] + m[6] * x[2] + m[7],
-            m[8] * x[0] + m[9] * x[1] + m[10] * x[2] + m[11]};
-}
-
-double determinant(const Placement& p) {
-    const auto& m = p.m;
-    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
-}
-
 // Appends a vertex transformed by the surface's placement.
 uint32_t add_vertex(SurfaceBuilder& b, const Instance& instance, const Vec3d& local) {
-    const Vec3d p = apply(instance.state.placement, local);
+    const Vec3d p = instance.state.placement.linear * local + instance.state.placement.shift;
     if (!p.allFinite()) {
         throw InputError(position_of(b.scene, instance.geometry) + ": a point that its transforms make too large" +
                          describe_path({type_of(b.scene, instance.geometry)}));
@@ -81,11 +70,7 @@ TextureMap texture_map(SurfaceBuilder& b, const Instance& instance, std::span<co
         map.points = {};
         map.active = true;
         Box box;
-        for (size_t k = 0; k + 3 <= points.size(); k += 3) {
-            const Vec3d p(points[k], points[k + 1], points[k + 2]);
-            box.min = box.min.cwiseMin(p);
-            box.max = box.max.cwiseMax(p);
-        }
+        for (size_t k = 0; k + 3 <= points.size(); k += 3) grow(box, Vec3d(points[k], points[k + 1], points[k + 2]));
         const Vec3d size = box.max - box.min;
         // the standard prefers x over y over z on ties
         for (int k = 1; k < 3; ++k) map.axis_u = size[k] > size[map.axis_u] ? k : map.axis_u;
@@ -187,7 +172,9 @@ FaceSet find_faces(SurfaceBuilder& b, const Instance& instance) {
     CoordinateUse& use = b.coordinate_use[instance.state.coordinate];
     const std::span<const double> points = numbers_at(b.scene, instance.state.coordinate, "point");
     use.used.resize(points.size() / 3, false);
-    use.placements.insert(instance.state.placement.m);
+    std::array<double, 12> place;
+    Eigen::Map<Eigen::Matrix<double, 3, 4>>(place.data()) << instance.state.placement.linear, instance.state.placement.shift;
+    use.placements.insert(place);
     if (role == Role::kFaceSet) {
         const Value index = find_value(b.scene, instance.geometry, "coordIndex");
         return {instance, points, numbers_of(index), index, {}, use.used, false};
@@ -202,7 +189,7 @@ void build_face_set(SurfaceBuilder& b, const Instance& instance) {
     set.map = texture_map(b, instance, set.points);
     const bool clockwise = instance.state.clockwise || !flag_of(find_value(b.scene, instance.geometry, "ccw"), true);
     // a mirroring transform reverses orientation; flip the faces so that they stay outward
-    set.flip = clockwise != (determinant(instance.state.placement) < 0);
+    set.flip = clockwise != (instance.state.placement.linear.determinant() < 0);
     const FaceLook look = face_look(b, instance);
     ++b.surface;
     if (b.stamp.size() < point_count) {
@@ -252,7 +239,7 @@ void build_primitive(SurfaceBuilder& b, const Instance& instance) {
     make_primitive(b.scene, instance.geometry, b.corner, b.cut);
     const auto first = static_cast<uint32_t>(b.mesh.position.size());
     for (const Vec3d& p : b.corner) add_vertex(b, instance, p);
-    const bool flip = determinant(instance.state.placement) < 0;
+    const bool flip = instance.state.placement.linear.determinant() < 0;
     const uint16_t material = material_row(b, instance.state, 0, {});
     for (Triangle t : b.cut) {
         if (flip) std::swap(t[1], t[2]);
@@ -262,18 +249,6 @@ void build_primitive(SurfaceBuilder& b, const Instance& instance) {
 }
 
 }  // namespace
-
-Placement combine(const Placement& outer, const Placement& inner) {
-    Placement p;
-    for (size_t r = 0; r < 3; ++r) {
-        for (size_t c = 0; c < 4; ++c) {
-            double sum = c == 3 ? outer.m[4 * r + 3] : 0;
-            for (size_t k = 0; k < 3; ++k) sum += outer.m[4 * r + k] * inner.m[4 * k + c];
-            p.m[4 * r + c] = sum;
-        }
-    }
-    return p;
-}
 
 void check_points(const Scene& scene, NodeId coordinate, uint32_t width) {
     const Value value = find_value(scene, coordinate, "point");

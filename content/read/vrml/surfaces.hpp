@@ -1,4 +1,5 @@
 #pragma once
+#include <Eigen/Dense>
 #include <array>
 #include <functional>
 #include <map>
@@ -10,9 +11,10 @@
 #include "content/text/polygon.hpp"
 namespace trocar::vrml {
 
-// Affine map of points, 3 x 4, row-major; exact for the identity.
+// Affine map of points.
 struct Placement {
-    std::array<double, 12> m{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    Eigen::Matrix3d linear = Eigen::Matrix3d::Identity();
+    Vec3d shift = Vec3d::Zero();
 };
 
 // State that a surface inherits from surrounding and preceding nodes.
@@ -59,7 +61,9 @@ struct SurfaceBuilder {
     std::string first_outside{};           // position of the first invalid corner
 };
 
-Placement combine(const Placement& outer, const Placement& inner);
+inline Placement combine(const Placement& outer, const Placement& inner) {
+    return {outer.linear * inner.linear, outer.linear * inner.shift + outer.shift};
+}
 
 // Throws InputError unless the node's `point` has only complete, finite points; `width` numbers per point.
 void check_points(const Scene& scene, NodeId coordinate, uint32_t width);

@@ -1,10 +1,10 @@
 #include "content/read/vrml/x3d.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <map>
 #include <pugixml.hpp>
 
+#include "content/read/vrml/flatten.hpp"
 #include "content/read/vrml/lexer.hpp"
 #include "content/read/vrml/node_types.hpp"
 #include "content/read/vrml/parser.hpp"
@@ -14,8 +14,6 @@ namespace {
 
 using pugi::xml_node;
 
-constexpr size_t kWarningLimit = 100;
-
 // A node and the field of its parent that receives it.
 struct Child {
     std::string container;
@@ -24,31 +22,14 @@ struct Child {
 
 // State of the parser. The document's text is the file's, so that positions can be found. Text that does not
 // occur verbatim in the file (field names that XML omits, values with &quot;) is appended.
-struct XmlParser {
-    Document document;
+struct XmlParser : DocumentBuilder {
     std::string buffer;  // copy of the file; pugixml modifies it in place
     std::map<std::string, Range, std::less<>> appended;
-    std::vector<std::map<std::string, uint32_t, std::less<>>> names;  // DEF names per prototype body
-    std::vector<uint8_t> open;                                        // per node
-    std::vector<std::string> path;                                    // types of the surrounding nodes
-    size_t suppressed = 0;
 };
 
 uint32_t offset_of(const XmlParser& p, const char* inside) { return static_cast<uint32_t>(inside - p.buffer.data()); }
 
 uint32_t offset_of(const XmlParser& p, const xml_node& node) { return node.name()[0] == '\0' ? 0 : offset_of(p, node.name()); }
-
-[[noreturn]] void fail(const XmlParser& p, uint32_t offset, const std::string& reason) {
-    throw InputError(describe_location(p.document, offset) + ": " + reason + describe_path(p.path));
-}
-
-void warn(XmlParser& p, uint32_t offset, const std::string& text) {
-    if (p.document.warnings.size() >= kWarningLimit) {
-        ++p.suppressed;
-    } else {
-        p.document.warnings.push_back(describe_location(p.document, offset) + ": " + text + describe_path(p.path));
-    }
-}
 
 Range append(XmlParser& p, std::string_view text) {
     const auto found = p.appended.find(text);
@@ -120,43 +101,32 @@ Field read_attribute(XmlParser& p, Range name, const pugi::xml_attribute& attrib
     return field;
 }
 
-// The parent's field for nodes of a type without containerField.
-std::string default_container(const XmlParser& p, std::string_view type) {
-    switch (find_node_type(type).role) {
-        case Role::kAppearance:
-            return "appearance";
-        case Role::kMaterial:
-            return "material";
-        case Role::kTexture:
-            return "texture";
-        case Role::kTextureTransform:
-            return "textureTransform";
-        case Role::kTextureCoordinate:
-            return "texCoord";
-        case Role::kCoordinate:
-            return "coord";
-        case Role::kColor:
-            return "color";
-        case Role::kElevationGrid:
-        case Role::kExtrusion:
-            return "geometry";
-        default:
-            break;
+// The parent's field for a node without containerField; a prototype's instance goes where the first node of its body would go.
+std::string default_container(const XmlParser& p, uint32_t node) {
+    for (uint32_t depth = 0; p.document.node[node].prototype != kNone; ++depth) {
+        const Range body = p.document.prototype[p.document.node[node].prototype].body;
+        if (body.count == 0 || depth > kInlineLimit) return "children";
+        node = p.document.ref[body.first].node;
     }
+    const std::string_view type = text_of(p.document, p.document.node[node].type);
     const Role role = find_node_type(type).role;
+    constexpr std::pair<Role, const char*> kContainers[] = {{Role::kAppearance, "appearance"},
+                                                            {Role::kMaterial, "material"},
+                                                            {Role::kTexture, "texture"},
+                                                            {Role::kTextureTransform, "textureTransform"},
+                                                            {Role::kTextureCoordinate, "texCoord"},
+                                                            {Role::kCoordinate, "coord"},
+                                                            {Role::kColor, "color"},
+                                                            {Role::kElevationGrid, "geometry"},
+                                                            {Role::kExtrusion, "geometry"}};
+    for (const auto& [known, container] : kContainers) {
+        if (role == known) return container;
+    }
     if (takes_points(role) || is_primitive(role)) return "geometry";
     if (type == "Normal") return "normal";
     if (type.starts_with("Metadata")) return "metadata";
     if (type == "Text" || type == "IndexedLineSet" || type == "PointSet" || type == "LineSet") return "geometry";
     if (type == "FontStyle") return "fontStyle";
-    // a prototype instance goes where the first node of its body would go
-    for (auto prototype = p.document.prototype.rbegin(); prototype != p.document.prototype.rend(); ++prototype) {
-        if (text_of(p.document, prototype->name) != type || prototype->body.count == 0) continue;
-        const Node& first = p.document.node[p.document.ref[prototype->body.first].node];
-        const Role body = find_node_type(text_of(p.document, first.type)).role;
-        if (body != Role::kUnknown) return default_container(p, text_of(p.document, first.type));
-        break;
-    }
     return "children";
 }
 
@@ -232,9 +202,8 @@ void add_connections(XmlParser& p, const xml_node& is, std::vector<Field>& field
 }
 
 void read_prototype(XmlParser& p, const xml_node& element, bool external) {
-    const auto row = static_cast<uint32_t>(p.document.prototype.size());
-    if (row >= kNodeLimit) fail(p, offset_of(p, element), more_than(kNodeLimit, "prototypes"));
-    p.document.prototype.push_back({range_of(p, element.attribute("name").value()), offset_of(p, element), {}, {}, {}});
+    const char* const name = element.attribute("name").value();
+    const uint32_t row = add_prototype(p, range_of(p, name), name, offset_of(p, element));
     if (external) {
         if (const pugi::xml_attribute url = element.attribute("url")) {
             p.document.prototype[row].url = read_attribute(p, {}, url).words;
@@ -242,60 +211,46 @@ void read_prototype(XmlParser& p, const xml_node& element, bool external) {
         return;
     }
     std::vector<Field> fields;
-    p.names.emplace_back();
-    p.path.push_back(std::string("ProtoDeclare ") + printable(element.attribute("name").value()));
+    p.scopes.emplace_back();
+    p.open.push_back({row, true});
     for (const xml_node& field : element.child("ProtoInterface").children("field")) add_named_field(p, field, fields);
     p.document.prototype[row].interface = add_fields(p, fields, offset_of(p, element));
     const std::vector<NodeRef> body = refs_of(read_children(p, element.child("ProtoBody")));
     p.document.prototype[row].body = add_refs(p, body);
-    p.path.pop_back();
-    p.names.pop_back();
+    p.open.pop_back();
+    p.scopes.pop_back();
 }
 
-NodeRef read_use(XmlParser& p, const xml_node& element, const char* name) {
-    const auto found = p.names.back().find(std::string_view(name));
-    if (found == p.names.back().end()) {
-        warn(p, offset_of(p, element), "USE of '" + printable(name) + "', which no DEF before it names");
-        return {};
-    }
-    if (p.open[found->second]) fail(p, offset_of(p, element), "USE of '" + printable(name) + "' inside itself");
-    return {found->second, true};
-}
-
-// Reads a node with its contents. Returns its reference, or none for a USE of an unknown name.
+// Reads a node with its contents. Returns its reference, or none for a USE without a node to refer to.
 NodeRef read_node(XmlParser& p, const xml_node& element, const char* type) {
-    if (const pugi::xml_attribute use = element.attribute("USE")) return read_use(p, element, use.value());
     const uint32_t offset = offset_of(p, element);
-    const auto row = static_cast<uint32_t>(p.document.node.size());
-    if (row >= kNodeLimit) fail(p, offset, more_than(kNodeLimit, "nodes"));
-    const pugi::xml_attribute name = element.attribute("DEF");
-    p.document.node.push_back({range_of(p, type), name ? range_of(p, name.value()) : Range{}, offset, {}, {}});
-    p.open.push_back(true);
-    if (name) p.names.back()[name.value()] = row;
-    p.path.push_back(printable(type));
-    std::vector<Field> fields;
+    if (const pugi::xml_attribute use = element.attribute("USE")) return {find_used_node(p, use.value(), offset), true};
     const bool instance = type != element.name();
+    const bool unknown = instance || find_node_type(type).role == Role::kUnknown;
+    const char* const name = element.attribute("DEF").value();
+    const uint32_t row = add_node(p, range_of(p, type), unknown ? visible_prototype(p, type) : kNone, range_of(p, name), name, offset);
+    p.open.push_back({row, false});
+    std::vector<Field> fields;
     for (const pugi::xml_attribute& attribute : element.attributes()) {
         constexpr std::string_view kNoFields[] = {"DEF", "USE", "containerField", "class", "id", "style"};
         const std::string_view key = attribute.name();
         if (instance || std::find(std::begin(kNoFields), std::end(kNoFields), key) != std::end(kNoFields)) continue;
         fields.push_back(read_attribute(p, range_of(p, attribute.name()), attribute));
     }
-    const bool script = std::strcmp(type, "Script") == 0;
     for (const xml_node& child : element.children()) {
-        if (std::strcmp(child.name(), "IS") == 0) add_connections(p, child, fields);
-        if (!script && std::strcmp(child.name(), "fieldValue") == 0) add_named_field(p, child, fields);
+        const std::string_view kind = child.name();
+        if (kind == "IS") add_connections(p, child, fields);
+        if (kind == "field" || kind == "fieldValue") add_named_field(p, child, fields);
     }
     add_child_fields(p, read_children(p, element), offset, fields);
     p.document.node[row].fields = add_fields(p, fields, offset);
-    p.open[row] = false;
-    p.path.pop_back();
+    p.open.pop_back();
     return {row, false};
 }
 
 // Reads the nodes inside an element, and declares prototypes.
 std::vector<Child> read_children(XmlParser& p, const xml_node& parent) {
-    if (p.path.size() > kElementNestingLimit) {
+    if (p.open.size() > kElementNestingLimit) {
         fail(p, offset_of(p, parent), "nodes nested deeper than the limit of " + std::to_string(kElementNestingLimit));
     }
     std::vector<Child> children;
@@ -313,9 +268,7 @@ std::vector<Child> read_children(XmlParser& p, const xml_node& parent) {
         const NodeRef ref = read_node(p, element, type);
         if (ref.node == kNone) continue;
         const char* const container = element.attribute("containerField").value();
-        // a USE goes to the field for its node's type
-        const std::string_view known = text_of(p.document, p.document.node[ref.node].type);
-        children.push_back({container[0] != '\0' ? container : default_container(p, known), ref});
+        children.push_back({container[0] != '\0' ? container : default_container(p, ref.node), ref});
     }
     return children;
 }
@@ -331,21 +284,11 @@ void check_size(const XmlParser& p) {
     if (values > kWordLimit) fail(p, 0, more_than(kWordLimit, "attributes"));
 }
 
-}  // namespace
-
-bool looks_like_x3d(std::string_view text) {
-    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);
-    const size_t first = text.find_first_not_of(" \t\r\n");
-    if (first == std::string_view::npos || text[first] != '<') return false;
-    return text.substr(0, kStringLimit).find("<X3D") != std::string_view::npos;
-}
-
 Document parse_x3d(std::string text, std::filesystem::path path) {
     if (text.size() >= kNone) throw InputError(path.string() + ": more text than 32 bits can number");
     XmlParser p;
     p.document.path = std::move(path);
     p.document.text = std::move(text);
-    p.names.emplace_back();
     check_size(p);
     p.buffer = p.document.text;
     const size_t first = p.buffer.find('<');
@@ -364,10 +307,16 @@ Document parse_x3d(std::string text, std::filesystem::path path) {
     }
     const xml_node scene = root.child("Scene");
     p.document.roots = add_refs(p, refs_of(read_children(p, scene ? scene : root)));
-    if (p.suppressed > 0) {
-        p.document.warnings.push_back(p.document.path.string() + ": " + std::to_string(p.suppressed) + " more warnings left out");
-    }
-    return std::move(p.document);
+    return finish_document(p);
+}
+
+}  // namespace
+
+bool looks_like_x3d(std::string_view text) {
+    if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);
+    const size_t first = text.find_first_not_of(" \t\r\n");
+    if (first == std::string_view::npos || text[first] != '<') return false;
+    return text.substr(0, kStringLimit).find("<X3D") != std::string_view::npos;
 }
 
 Document read_document(std::string text, std::filesystem::path path, const LoadProgress& progress) {

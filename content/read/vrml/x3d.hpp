@@ -10,12 +10,9 @@ inline constexpr uint32_t kElementNestingLimit = 250;  // nesting depth; each le
 // Whether a text is XML with an X3D element.
 bool looks_like_x3d(std::string_view text);
 
-// Parses X3D in XML encoding into the same tree as parse_document: attributes become fields; child elements
-// become nodes of the field given by their type or containerField. Does not expand entities of a document
+// Parses a scene file in any encoding. X3D in XML becomes the same tree as by parse_document: attributes become fields; child
+// elements become nodes of the field given by their type or containerField. Does not expand entities of a document
 // type. Throws InputError "file:line:column: reason (in Scene > Shape)".
-Document parse_x3d(std::string text, std::filesystem::path path);
-
-// Parses a scene file in any encoding.
 Document read_document(std::string text, std::filesystem::path path, const LoadProgress& progress = {});
 
 }  // namespace trocar::vrml

@@ -90,7 +90,7 @@ int check_command(const CheckOptions& options) {
                 check_scene(file, options.json);
                 continue;
             }
-            const LoadedMesh loaded = load_file(file);
+            const LoadedMesh loaded = load_file(file, options.roots);
             MeshJudgement judgement = judge_mesh(loaded.mesh, true);
             judgement.vertices += static_cast<uint32_t>(loaded.unused_points);  // count all vertices in the file
             sound = sound && judgement.admitted_as == Admission::kSolid;

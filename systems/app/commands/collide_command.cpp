@@ -19,8 +19,8 @@
 namespace trocar {
 namespace {
 
-uint32_t load_prototype(World& world, const std::string& file) {
-    LoadedMesh loaded = load_file(file);
+uint32_t load_prototype(World& world, const std::string& file, const FileRoots& roots) {
+    LoadedMesh loaded = load_file(file, roots);
     // file units are treated as metres; the mesh is not moved
     const Prototype made = make_prototype(world.meshes, std::move(loaded.mesh), PrototypeOptions{});
     if (made.row == kNone) throw InputError(file + ": " + made.judgement.reason);
@@ -124,7 +124,7 @@ int collide_command(const CollideOptions& options) {
     if (!options.contours.empty() && options.contours.extension() != ".obj")
         throw InputError(options.contours.string() + ": contours are written as .obj");
     World world;
-    const uint32_t mesh_a = load_prototype(world, options.a), mesh_b = load_prototype(world, options.b);
+    const uint32_t mesh_a = load_prototype(world, options.a, options.roots), mesh_b = load_prototype(world, options.b, options.roots);
     add_body(world, options.a, mesh_a, Motion::kStatic);
     const uint32_t b = add_body(world, options.b, mesh_b, Motion::kHand);  // movable, or the pair is skipped
     world.poses.origin[b] = options.move_b;

@@ -47,7 +47,7 @@ std::string to_text(const ConvertOptions& options, const Mesh& mesh, const Chang
 }  // namespace
 
 int convert_command(const ConvertOptions& options) {
-    LoadedMesh loaded = load_file(options.in);
+    LoadedMesh loaded = load_file(options.in, options.roots);
     const Changes changes = change(loaded.mesh, options);
     if (!changes.refusal.empty()) {
         for (const std::string& line : changes.lines) std::fprintf(stderr, "trocar: %s\n", line.c_str());

@@ -84,6 +84,15 @@ void run_with(CLI::App* command, int& code, const std::shared_ptr<Options>& opti
     command->callback([&code, options, work] { code = work(*options); });
 }
 
+void add_root(CLI::App* command, FileRoots& roots) {
+    command
+        ->add_option(
+            "--root", roots,
+            "Folder whose files a mesh file may name (Inline, EXTERNPROTO, textures, materials) besides those below its own; names "
+            "are looked for there, too; repeatable")
+        ->allow_extra_args(false);
+}
+
 void add_run(CLI::App& app, int& code) {
     const auto o = std::make_shared<RunOptions>();
     CLI::App* run = app.add_subcommand("run", "Simulate a scene: pictures, film, figures, trace");
@@ -138,6 +147,7 @@ void add_check(CLI::App& app, int& code) {
         ->add_option("files", o->files,
                      "Scenes (.toml), mesh files (.wrl .wrz .x3d .x3dv .iv .obj .stl .ply .off .vtk .gltf .glb .dae .fbx ...)")
         ->required();
+    add_root(check, o->roots);
     check->add_flag("--json", o->json, "One JSON object per line");
     run_with(check, code, o, check_command);
     check->footer(
@@ -158,6 +168,7 @@ void add_query(CLI::App& app, int& code) {
     CLI::App* query = app.add_subcommand("query", "Signed distance, closest point, triangle and feature of points");
     query->add_option("mesh", o->mesh, "Mesh file")->required();
     query->add_option("points", o->points, "CSV of x,y,z in file units; - reads standard input")->required();
+    add_root(query, o->roots);
     query->add_option("--out", o->out, "CSV to write (default: standard output)");
     const auto threads = std::make_shared<uint32_t>(0);
     add_threads(query, *threads);
@@ -191,6 +202,7 @@ void add_collide(CLI::App& app, int& code) {
     collide->add_option("--tolerance", o->tolerance, "Depth tolerance along edges, file units");
     collide->add_option("--cells", o->cells,
                         "Write the grid cells that both meshes share: .json (cell, object and primitive layers), .vtp or .png");
+    add_root(collide, o->roots);
     add_search(collide, o->search);
     collide->add_flag("--separate", o->separate,
                       "Search for the shortest translation that separates B from A: proven lower and upper bounds");
@@ -210,6 +222,7 @@ void add_convert(CLI::App& app, int& code) {
     CLI::App* convert = app.add_subcommand("convert", "Read a mesh, clean it, write it in another format");
     convert->add_option("in", o->in, "Mesh file to read")->required();
     convert->add_option("out", o->out, "File to write: .obj .stl .ply .wrl .vtp by its extension")->required();
+    add_root(convert, o->roots);
     convert->add_flag("--json", o->json, "JSON");
     CLI::Option* repair =
         convert->add_flag("--repair", o->repair, "Make it one closed solid and list the changes; exit code 1 and no file if that fails");
@@ -225,6 +238,7 @@ void add_view(CLI::App& app, int& code) {
     const auto o = std::make_shared<ViewOptions>();
     CLI::App* view = app.add_subcommand("view", "Draw a mesh or a shape: textured, lit, fitted to the picture");
     view->add_option("meshes", o->sources, "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each")->required();
+    add_root(view, o->roots);
     view->add_option("--out", o->out, "PNG to write")->required();
     const auto take_size = [o](const std::string& text) { parse_size(text, o->width, o->height); };
     view->add_option_function<std::string>("--size", take_size, "WIDTHxHEIGHT in pixels (default 1024x768)");
@@ -241,9 +255,13 @@ void add_organ(CLI::App& app, int& code) {
     const auto o = std::make_shared<OrganOptions>();
     CLI::App* organ = app.add_subcommand("organ", "Make closed surfaces and tetrahedra from a segmented image");
     organ->add_option("volume", o->volume, "NRRD, MetaImage, NIfTI or DICOM file, or a folder of DICOM slices");
-    organ->add_option("out", o->out, "Surface to write: .obj .stl .ply .wrl; with several labels: NAME_<label>.EXTENSION");
+    organ->add_option("out", o->out, "Surface to write: .obj .stl .ply .wrl; with several labels or segments: NAME_<label>.EXTENSION");
     const auto labels = std::make_shared<std::vector<std::string>>();
     organ->add_option("--label", *labels, "Label values, one surface each; default: list the labels in the file")->delimiter(',');
+    organ
+        ->add_option("--segment", o->segments,
+                     "Instead of labels: names of segments in a .seg.nrrd, one surface each, repeatable; default: list them")
+        ->allow_extra_args(false);
     organ->add_option("--threshold", o->threshold, "Instead of labels: voxels of at least this value");
     organ->add_option("--smooth", o->smooth, "Rounds of volume-preserving smoothing (default 10)");
     organ->add_option("--blur", o->blur, "Blur of the voxels before contouring, in voxels (default 1; 0 keeps steps)");
@@ -252,6 +270,8 @@ void add_organ(CLI::App& app, int& code) {
     organ->add_option("--tets", o->tets, "Also fill with tetrahedra on a lattice of this spacing, mm: writes .vtu and .msh");
     organ->add_flag("--all-pieces", o->all_pieces, "Keep every piece, not only the largest");
     organ->add_option("--series", o->series, "DICOM series UID, if the folder contains several");
+    organ->add_option("--frame", o->frame, "Of NIfTI: sform or qform (default: the sform if its code is above 0, else the qform)")
+        ->check(CLI::IsMember({"sform", "qform"}));
     organ->add_flag("--json", o->json, "One JSON object per organ");
     organ->callback([&code, o, labels] {
         take_labels(*labels, *o);

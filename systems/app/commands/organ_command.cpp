@@ -1,6 +1,8 @@
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <ctime>
 #include <nlohmann/json.hpp>
 
@@ -18,10 +20,21 @@
 namespace trocar {
 namespace {
 
-// "5 (1123.3 ml), 57 (1563.0 ml)", for messages.
+// "its labels are 5 (1123.3 ml), 57 (1563.0 ml)", for messages; the segments of a volume that names them.
 std::string list_values(const Volume& volume) {
     std::string list;
     size_t shown = 0;
+    for (uint32_t layer = 0; layer < volume.layers && !volume.segments.empty(); ++layer) {
+        const auto values = count_values(take_layer(volume, layer));
+        for (const Segment& segment : volume.segments) {
+            if (segment.layer != layer) continue;
+            const auto found = std::find_if(values.begin(), values.end(), [&](const auto& v) { return v.first == segment.label; });
+            const double voxels = found == values.end() ? 0 : double(found->second);
+            list += (list.empty() ? "its segments are " : ", ") + segment.name + format(" (label %g", segment.label) +
+                    (volume.layers > 1 ? format(" of layer %u", layer) : "") + format(", %.1f ml)", voxels * voxel_volume(volume) * 1e-3);
+        }
+    }
+    if (!list.empty()) return list + ": choose with --segment";
     const auto values = count_values(volume);
     if (values.empty()) return "it contains measured values, not labels: choose with --threshold";
     for (const auto& [value, count] : values) {
@@ -38,11 +51,31 @@ struct OrganTask {
     std::filesystem::path out;
     bool by_threshold = false;
     double value = 0;
+    uint32_t layer = 0;
 };
+
+const Segment& find_segment(const OrganOptions& options, const Volume& volume, const std::string& name) {
+    for (const Segment& segment : volume.segments) {
+        if (segment.name == name || segment.id == name) return segment;
+    }
+    throw InputError(options.volume + ": " +
+                     (volume.segments.empty() ? "names no segments" : "has no segment \"" + name + "\"; " + list_values(volume)));
+}
+
+// The output of one of several surfaces: NAME_<part>.EXTENSION.
+std::filesystem::path part_of(const std::filesystem::path& out, std::string part, size_t parts) {
+    for (char& c : part) c = std::strchr("/\\:*?\"<>| ", c) || static_cast<unsigned char>(c) < ' ' ? '_' : c;
+    std::filesystem::path file = out;
+    return parts > 1 ? file.replace_filename(out.stem().string() + "_" + part + out.extension().string()) : file;
+}
 
 std::vector<OrganTask> list_tasks(const OrganOptions& options, const Volume& volume) {
     const std::filesystem::path out = options.out;
     std::vector<OrganTask> tasks;
+    if (!options.threshold.empty() + !options.labels.empty() + !options.segments.empty() > 1)
+        throw InputError("--label, --segment and --threshold exclude each other");
+    if (volume.layers > 1 && options.segments.empty())
+        throw InputError(options.volume + ": has " + std::to_string(volume.layers) + " layers; " + list_values(volume));
     if (!options.threshold.empty()) {
         double value = 0;
         const char* end = options.threshold.data() + options.threshold.size();
@@ -50,20 +83,17 @@ std::vector<OrganTask> list_tasks(const OrganOptions& options, const Volume& vol
         if (error != std::errc() || stop != end || !std::isfinite(value)) {
             throw InputError("--threshold " + options.threshold + ": a finite number is needed");
         }
-        if (!options.labels.empty()) throw InputError("--label and --threshold exclude each other");
         return {{"threshold " + options.threshold, out, true, value}};
     }
-    if (options.labels.empty()) {
-        throw InputError(options.volume + ": choose voxels with --label or --threshold; " + list_values(volume));
+    for (const std::string& name : options.segments) {
+        const Segment& segment = find_segment(options, volume, name);
+        tasks.push_back({"segment " + name, part_of(out, name, options.segments.size()), false, segment.label, segment.layer});
     }
     for (const double label : options.labels) {
         const std::string text = format("%g", label);
-        std::filesystem::path file = out;
-        if (options.labels.size() > 1) {
-            file.replace_filename(out.stem().string() + "_" + text + out.extension().string());
-        }
-        tasks.push_back({"label " + text, file, false, label});
+        tasks.push_back({"label " + text, part_of(out, text, options.labels.size()), false, label});
     }
+    if (tasks.empty()) throw InputError(options.volume + ": choose voxels with --label, --segment or --threshold; " + list_values(volume));
     return tasks;
 }
 
@@ -177,7 +207,8 @@ int organ_command(const OrganOptions& options) {
     if (options.smooth > 1000) throw InputError("--smooth: at most 1000 rounds");
     Progress progress("organ");
     progress.show(0, "reading " + options.volume);
-    const Volume volume = read_volume(options.volume, options.series);
+    const Volume volume = read_volume(options.volume, {options.series, options.frame});
+    for (const std::string& warning : volume.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
     const std::vector<OrganTask> tasks = list_tasks(options, volume);
     const OrganParams params{options.blur, options.smooth, options.triangles, options.even, options.all_pieces};
     bool sound = true;
@@ -186,10 +217,13 @@ int organ_command(const OrganOptions& options) {
         const auto show = [&](double done, const std::string& stage) {
             progress.show((double(k) + done) / double(tasks.size()), task.name + ": " + stage);
         };
-        const VoxelMask mask = task.by_threshold ? select_above(volume, task.value, organ_frame(params))
-                                                 : select_label(volume, task.value, organ_frame(params));
+        Volume one;
+        if (volume.layers > 1) one = take_layer(volume, task.layer);
+        const Volume& layer = volume.layers > 1 ? one : volume;
+        const VoxelMask mask =
+            task.by_threshold ? select_above(layer, task.value, organ_frame(params)) : select_label(layer, task.value, organ_frame(params));
         if (mask.count == 0) throw InputError(options.volume + ": no voxel has " + task.name + "; " + list_values(volume));
-        OrganSurface organ = make_organ_surface(params, volume, mask, show);
+        OrganSurface organ = make_organ_surface(params, layer, mask, show);
         organ.mesh.name = task.out.stem().string();
         save_mesh(organ.mesh, task.out);
         for (const std::string& warning : organ.warnings) {

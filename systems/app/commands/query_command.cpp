@@ -126,7 +126,7 @@ uint64_t ask(const ClosestPointTree& tree, const std::vector<Vec3d>& points, std
 }  // namespace
 
 int query_command(const QueryOptions& options) {
-    LoadedMesh loaded = load_file(options.mesh);
+    LoadedMesh loaded = load_file(options.mesh, options.roots);
     const std::vector<uint32_t> file_triangle = drop_repeated_corners(loaded.mesh);
     CleanReport oriented = orient_mesh(loaded.mesh);
     oriented.cavities = 0;  // cavities are oriented correctly already

@@ -21,7 +21,7 @@ int view_command(const ViewOptions& options) {
     std::vector<MeshTile> tiles;
     const double degree = std::numbers::pi / 180;
     for (const std::string& source : options.sources) {
-        LoadedMesh loaded = load_file(source);
+        LoadedMesh loaded = load_file(source, options.roots);
         const uint32_t row = static_cast<uint32_t>(meshes.size());
         if (options.sheet) {
             for (MeshTile& tile : four_views(row)) tiles.push_back(std::move(tile));

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "content/scene/scene_file.hpp"
+#include "content/text/local_file.hpp"
 namespace trocar {
 
 // Exit codes of the program.
@@ -32,12 +33,14 @@ int run_command(const RunOptions& options);
 
 struct CheckOptions {
     std::vector<std::string> files;
+    FileRoots roots;
     bool json = false;
 };
 int check_command(const CheckOptions& options);
 
 struct QueryOptions {
     std::string mesh;
+    FileRoots roots;
     std::string points;         // CSV x,y,z in file units; "-" = standard input
     std::filesystem::path out;  // CSV; empty = standard output
     TreeSearch search = TreeSearch::kOwn;
@@ -48,6 +51,7 @@ int query_command(const QueryOptions& options);
 
 struct CollideOptions {
     std::string a, b;
+    FileRoots roots;
     Vec3d move_b = Vec3d::Zero();    // file units
     Quat rotate_b;                   // about the origin of B's file, before the move
     double tolerance = 0;            // file units; 0 = 1e-4 of the smaller diagonal
@@ -62,6 +66,7 @@ int collide_command(const CollideOptions& options);
 
 struct ConvertOptions {
     std::string in, out;
+    FileRoots roots;
     bool json = false;
     bool repair = false;
     double weld = 0;       // of the diagonal; 0 = default of repair_mesh, else only identical positions
@@ -71,7 +76,8 @@ int convert_command(const ConvertOptions& options);
 
 struct ViewOptions {
     std::vector<std::string> sources;  // files or shapes, see load_mesh_or_shape
-    std::filesystem::path out;         // PNG
+    FileRoots roots;
+    std::filesystem::path out;  // PNG
     uint32_t width = 1024, height = 768;
     double azimuth = -60, elevation = 28;  // degrees, see Camera
     char up = 'z';
@@ -80,16 +86,18 @@ struct ViewOptions {
 };
 int view_command(const ViewOptions& options);
 struct OrganOptions {
-    std::string volume;          // file, or folder of DICOM slices
-    std::string out;             // surface; with several labels, _<label> is inserted before the extension
-    std::vector<double> labels;  // one surface for each
-    std::string threshold;       // used instead of labels; empty = none
-    std::string series;          // DICOM series UID; empty = the only series
-    uint32_t smooth = 10;        // rounds
-    uint32_t triangles = 0;      // target count; 0 = keep all contoured triangles
-    bool even = false;           // remesh to even triangles
-    double blur = 1;             // voxels
-    double tets = 0;             // lattice spacing, mm; 0 = no tetrahedra
+    std::string volume;                 // file, or folder of DICOM slices
+    std::string out;                    // surface; with several labels, _<label> is inserted before the extension
+    std::vector<double> labels;         // one surface for each
+    std::vector<std::string> segments;  // used instead of labels: names of the file's segments
+    std::string threshold;              // used instead of labels; empty = none
+    std::string series;                 // DICOM series UID; empty = the only series
+    std::string frame;                  // NIfTI: sform or qform; empty = by the standard
+    uint32_t smooth = 10;               // rounds
+    uint32_t triangles = 0;             // target count; 0 = keep all contoured triangles
+    bool even = false;                  // remesh to even triangles
+    double blur = 1;                    // voxels
+    double tets = 0;                    // lattice spacing, mm; 0 = no tetrahedra
     bool all_pieces = false;
     bool json = false;
 };

@@ -65,6 +65,29 @@ TEST(StlFile, S08_wrong_counts_are_refused_before_anything_is_allocated) {
     EXPECT_EQ(error_of(binary_tetra().substr(0, 200)), "a.stl: binary STL names 4 facets but holds only 2");
 }
 
+// Programs that write the header first leave 0 in it.
+TEST(StlFile, facets_after_a_count_of_zero_are_read) {
+    for (uint32_t facets = 1; facets <= 24; ++facets) {
+        std::string bytes(80, facets % 2 ? ' ' : 'v');
+        if (facets % 3 == 0) bytes.replace(0, 5, "solid");
+        bytes += std::string(4, '\0');
+        double area = 0;
+        for (uint32_t f = 0; f < facets; ++f) {
+            const float side = 1 + static_cast<float>(f), corner[9] = {0, 0, side, side, 0, side, 0, 1, side};
+            bytes += std::string(12, '\0');
+            bytes.append(reinterpret_cast<const char*>(corner), 36);
+            bytes += std::string(2, '\0');
+            area += side / 2;
+        }
+        const LoadedMesh loaded = load_mesh(bytes, "a.STL");
+        EXPECT_EQ(loaded.mesh.triangle.size(), facets);
+        EXPECT_NEAR(sum_mesh(loaded.mesh).area, area, 1e-9);
+        EXPECT_TRUE(warns(loaded, "the header names 0 facets; the " + std::to_string(facets) + " that follow it are read"));
+        EXPECT_NE(error_of(bytes + "x"), "no error");  // then nothing says where the facets end
+    }
+    EXPECT_EQ(error_of(std::string(84, '\0')), "a.stl: STL binary without a face");
+}
+
 TEST(StlFile, bad_facets_are_refused_with_their_place) {
     std::string bytes = binary_tetra();
     const float bad = std::numeric_limits<float>::infinity();

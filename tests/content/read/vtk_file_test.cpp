@@ -79,6 +79,51 @@ TEST(VtkFile, bytes_are_big_endian) {
     }
 }
 
+// Version 5.1 with integers of every width, in both codings, and with keywords in any case.
+TEST(VtkFile, every_type_of_integer_and_any_case) {
+    const std::vector<int> first{0, 3, 6, 9, 12}, corner{0, 2, 1, 0, 1, 3, 1, 2, 3, 0, 3, 2}, point{0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1};
+    const auto list = [](const std::vector<int>& values, const std::string& type, bool binary) {
+        std::string bytes;
+        for (const int v : values) {
+            if (!binary) {
+                bytes += std::to_string(v) + " ";
+            } else if (type.ends_with("64")) {
+                type == "vtktypefloat64" ? put<double>(bytes, {double(v)}) : put<int64_t>(bytes, {v});
+            } else if (type.ends_with("32")) {
+                type == "vtktypefloat32" ? put<float>(bytes, {float(v)}) : put<int32_t>(bytes, {v});
+            } else if (type.ends_with("16")) {
+                put<int16_t>(bytes, {static_cast<int16_t>(v)});
+            } else {
+                put<int8_t>(bytes, {static_cast<int8_t>(v)});
+            }
+        }
+        return bytes + "\n";
+    };
+    const auto in_case = [](std::string text, int how) {
+        for (char& c : text) {
+            const bool letter = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z');
+            if (letter && how == 1) c = static_cast<char>(c | 0x20);
+            if (letter && how == 2) c = static_cast<char>(c & ~0x20);
+        }
+        return text;
+    };
+    for (const char* const integer : {"vtktypeint8", "vtktypeuint8", "vtktypeint16", "vtktypeuint16", "vtktypeint32", "vtktypeuint32",
+                                      "vtktypeint64", "vtktypeuint64"}) {
+        for (const char* const real : {"vtktypefloat32", "vtktypefloat64", "vtktypeint16"}) {
+            for (const bool binary : {false, true}) {
+                for (int how = 0; how < 3; ++how) {
+                    const std::string type = integer;
+                    expect_tetra(in_case("# vtk DataFile Version 5.1\n", how) + "t\n" + in_case(binary ? "BINARY\n" : "ASCII\n", how) +
+                                     in_case("DATASET POLYDATA\nPOINTS 4 " + std::string(real) + "\n", how) + list(point, real, binary) +
+                                     in_case("POLYGONS 5 12\nOFFSETS " + type + "\n", how) + list(first, type, binary) +
+                                     in_case("CONNECTIVITY " + type + "\n", how) + list(corner, type, binary),
+                                 binary ? "VTK binary" : "VTK ascii");
+                }
+            }
+        }
+    }
+}
+
 // Breaks when a list of one-byte entries is read as doubles, beyond its end.
 TEST(VtkFile, corners_are_numbers) {
     std::string bytes = kHead;

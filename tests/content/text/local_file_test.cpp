@@ -55,16 +55,16 @@ const std::string kOwn =
     "Shape { geometry IndexedFaceSet { coord Coordinate { point [0 0 0 1 0 0 0 1 0] } coordIndex "
     "[0 1 2] } }\n";
 
+const std::string kX3dOwn =
+    "<Shape><IndexedFaceSet coordIndex='0 1 2'><Coordinate point='0 0 0 1 0 0 0 1 0'/></IndexedFaceSet></Shape></Scene></X3D>";
+
 std::string with_texture(const std::string& name) {
     return "#VRML V2.0 utf8\nShape { appearance Appearance { texture ImageTexture { url \"" + name + "\" } } " + kOwn.substr(8);
 }
 
 // Breaks when any kind of reference can leave the folder of the file.
 TEST_F(LocalFiles, nothing_outside_the_folder_is_opened) {
-    const std::string out = outside.string();
-    const std::string x3d_own =
-        "<Shape><IndexedFaceSet coordIndex='0 1 2'><Coordinate point='0 0 0 1 0 0 0 1 0'/>"
-        "</IndexedFaceSet></Shape></Scene></X3D>";
+    const std::string out = outside.string(), x3d_own = kX3dOwn;
     std::vector<std::string> files;
     for (const std::string& name : {std::string("../out/box.wrl"), out + "/box.wrl", "file://" + out + "/box.wrl",
                                     std::string("..\\\\out\\\\box.wrl"), std::string("link.wrl"), std::string("door/box.wrl"),
@@ -113,20 +113,54 @@ TEST_F(LocalFiles, names_are_followed_below_the_folder) {
     // an absolute path below the folder is as good as a relative one
     EXPECT_EQ(load_mesh(put("in/a.wrl", "#VRML V2.0 utf8\nInline { url \"" + (inside / "c.wrl").string() + "\" }\n")).mesh.triangle.size(),
               12u);
-    EXPECT_EQ(find_local_file(inside, inside, "").refusal, "it has no name");
-    EXPECT_EQ(find_local_file(inside, inside, std::string("c.wrl\0x", 7)).refusal, "it has no name");
-    EXPECT_EQ(find_local_file(inside, inside, "deep").refusal, "there is no such file");
-    EXPECT_EQ(find_local_file(inside, inside, "https://a/c.wrl").refusal, "it is not on this machine");
-    EXPECT_EQ(find_local_file(inside, inside / "deep", "../c.wrl").refusal, "");
-    EXPECT_EQ(find_local_file(folder / "gone", folder / "gone", "c.wrl").refusal, "there is no such file");
+    EXPECT_EQ(find_local_file({inside}, inside, "").refusal, "it has no name");
+    EXPECT_EQ(find_local_file({inside}, inside, std::string("c.wrl\0x", 7)).refusal, "it has no name");
+    EXPECT_EQ(find_local_file({inside}, inside, "deep").refusal, "there is no such file");
+    EXPECT_EQ(find_local_file({inside}, inside, "https://a/c.wrl").refusal, "it is not on this machine");
+    EXPECT_EQ(find_local_file({inside}, inside / "deep", "../c.wrl").refusal, "");
+    EXPECT_EQ(find_local_file({folder / "gone"}, folder / "gone", "c.wrl").refusal, "there is no such file");
+}
+
+// Folders that the user allows besides: reached by a path from the file, or by a name within them.
+TEST_F(LocalFiles, other_roots_are_allowed_by_name) {
+    for (const std::string& name : {std::string("../out/box.wrl"), (outside / "box.wrl").string(), std::string("box.wrl"),
+                                    std::string("./box.wrl"), std::string("link.wrl"), std::string("door/box.wrl")}) {
+        for (const std::string& text : {"#VRML V2.0 utf8\nInline { url [ \"" + name + "\" ] }\n" + kOwn,
+                                        "#VRML V2.0 utf8\nEXTERNPROTO P [] \"" + name + "#P\"\nP {}\n" + kOwn,
+                                        "#VRML V1.0 ascii\nWWWInline { name \"" + name +
+                                            "\" }\nCoordinate3 { point [0 0 0 1 0 0 0 1 0] } IndexedFaceSet { coordIndex [0 1 2] }\n",
+                                        "<X3D><Scene><Inline url='\"" + name + "\"'/>" + kX3dOwn}) {
+            const fs::path file = put("in/a.any", text);
+            EXPECT_EQ(load_mesh(file).mesh.triangle.size(), 1u) << text;
+            EXPECT_EQ(load_mesh(file, {{}, {outside}}).mesh.triangle.size(), 13u) << text;
+            EXPECT_EQ(load_mesh(file, {{}, {folder / "gone"}}).mesh.triangle.size(), 1u) << text;
+        }
+    }
+    for (const std::string name : {"../out/skin.png", "skin.png", "link.png"}) {
+        const LoadedMesh loaded = load_mesh(put("in/a.wrl", with_texture(name)), {{}, {outside}});
+        EXPECT_EQ(loaded.mesh.material[0].image.width, 1u) << name;
+    }
+    for (const std::string name : {"../out/look.mtl", "look.mtl", "own.mtl"}) {
+        const LoadedMesh loaded =
+            load_mesh(put("in/a.obj", "mtllib " + name + "\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n"), {{}, {outside}});
+        EXPECT_EQ(loaded.mesh.material[0].image.width, 1u) << name;
+    }
+    // the folder above stays closed
+    put("secret.wrl", "#VRML V2.0 utf8\nShape { geometry Box {} }\n");
+    for (const char* name : {"../secret.wrl", "../out/../secret.wrl", "door/../secret.wrl"}) {
+        EXPECT_EQ(load_mesh(put("in/a.wrl", "#VRML V2.0 utf8\nInline { url \"" + std::string(name) + "\" }\n" + kOwn), {{}, {outside}})
+                      .mesh.triangle.size(),
+                  1u)
+            << name;
+    }
 }
 
 // A file name without a folder refers to the current one.
 TEST_F(LocalFiles, files_of_the_current_folder) {
     const fs::path before = fs::current_path();
     fs::current_path(folder);
-    EXPECT_EQ(find_local_file("", "", "in/own.mtl").refusal, "");
-    EXPECT_NE(find_local_file("", "", "../x").refusal, "");
+    EXPECT_EQ(find_local_file({""}, "", "in/own.mtl").refusal, "");
+    EXPECT_NE(find_local_file({""}, "", "../x").refusal, "");
     fs::current_path(before);
 }
 

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <zlib.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 
@@ -186,7 +187,7 @@ class VolumeFile : public FolderTest {
     }
     std::string error_of(const fs::path& path, const std::string& series = {}) const {
         try {
-            read_volume(path, series);
+            read_volume(path, {series});
         } catch (const InputError& error) {
             const std::string text = error.what();
             EXPECT_NE(text.find(path.filename().string()), std::string::npos) << text;
@@ -241,7 +242,7 @@ TEST_F(VolumeFile, DicomSeriesThatAreNotWholeAreRefused) {
     put("two/c.dcm", dicom_slice(2, "1"));
     put("two/d.dcm", dicom_slice(0, "5"));
     EXPECT_NE(error_of(folder / "two").find("holds 2 DICOM series"), std::string::npos) << error_of(folder / "two");
-    expect_closed_form(read_volume(folder / "two", "1.2.826.0.1.3680043.9.7.2.1"), 2, 0);
+    expect_closed_form(read_volume(folder / "two", {"1.2.826.0.1.3680043.9.7.2.1"}), 2, 0);
     EXPECT_NE(error_of(folder / "two", "9").find("no DICOM series 9"), std::string::npos);
     put("none/a.txt", "nothing");
     EXPECT_NE(error_of(folder / "none").find("no DICOM slices"), std::string::npos);
@@ -319,6 +320,106 @@ TEST_F(VolumeFile, WhatIsNoVolumeIsRefusedInOneLine) {
         << error_of(put("colour.nrrd", colour + voxel_bytes_of()));
 }
 
+bool says(const Volume& volume, const std::string& part) {
+    return std::any_of(volume.warnings.begin(), volume.warnings.end(),
+                       [&](const std::string& w) { return w.find(part) != std::string::npos; });
+}
+
+// Segmentations of 3D Slicer: segments of one layer or of several that overlap, the layer as the first axis or as the last.
+TEST_F(VolumeFile, SegmentsAreNamedAndLieInLayers) {
+    for (int k = 0; k < 24; ++k) {
+        const uint32_t layers = 1 + uint32_t(k) % 4;
+        const bool first = k / 4 % 2, packed = k / 8 % 3 == 1, named = k / 8 % 3 != 2;
+        const auto inside = [](uint32_t layer, uint32_t i) { return (i * 7 + 3 * layer) % (3 + layer) == 0; };
+        std::string voxels, head = "NRRD0004\ntype: unsigned char\nspace: left-posterior-superior\n";
+        std::vector<uint64_t> count(layers, 0);
+        for (uint32_t a = 0; a < (first ? 60 : layers); ++a) {
+            for (uint32_t b = 0; b < (first ? layers : 60); ++b) {
+                const uint32_t layer = first ? b : a, i = first ? a : b;
+                voxels += inside(layer, i) ? char(layers == 1 ? 7 : 1 + (named ? layer : 0)) : '\0';
+                count[layer] += inside(layer, i);
+            }
+        }
+        const std::string axes = "(2,0,0) (0,3,0) (0,0,4)";
+        if (layers == 1) head += "dimension: 3\nsizes: 5 4 3\nspace directions: " + axes + "\nkinds: domain domain domain\n";
+        const std::string n = std::to_string(layers);
+        if (layers > 1 && first)
+            head += "dimension: 4\nsizes: " + n + " 5 4 3\nspace directions: none " + axes + "\nkinds: list domain domain domain\n";
+        if (layers > 1 && !first)
+            head += "dimension: 4\nsizes: 5 4 3 " + n + "\nspace directions: " + axes + " none\nkinds: domain domain domain list\n";
+        head += std::string("encoding: ") + (packed ? "gzip" : "raw") + "\nspace origin: (1,2,3)\n";
+        for (uint32_t s = 0; s < layers; ++s) {
+            const std::string key = "Segment" + std::to_string(s) + "_";
+            head += key + "ID:=Segment_" + std::to_string(s) + "\n" + key + "Name:=Part number " + std::to_string(s) + "\n" + key +
+                    "Tags:=Segmentation.Status:inprogress|" + std::string(4000, 't') + "\n";
+            if (layers == 1) head += key + "LabelValue:=7\n" + key + "Layer:=0\n";
+            if (layers > 1 && named)
+                head += key + "LabelValue:=" + std::to_string(1 + s) + "\n" + key + "Layer:=" + std::to_string(s) + "\n";
+        }
+        const Volume volume = read_volume(put("a.seg.nrrd", head + "\n" + (packed ? gzip(voxels) : voxels)));
+        EXPECT_EQ(volume.layers, layers) << k;
+        EXPECT_TRUE(volume.warnings.empty()) << k << volume.warnings[0];
+        ASSERT_EQ(volume.segments.size(), layers) << k;
+        EXPECT_EQ(volume.origin, Vec3d(1, 2, 3)) << k;
+        EXPECT_EQ(volume.step[2], Vec3d(0, 0, 4)) << k;
+        for (uint32_t s = 0; s < layers; ++s) {
+            EXPECT_EQ(volume.segments[s].name, "Part number " + std::to_string(s));
+            EXPECT_EQ(volume.segments[s].id, "Segment_" + std::to_string(s));
+            EXPECT_EQ(volume.segments[s].layer, s);
+            const Volume one = take_layer(volume, s);
+            const double label = volume.segments[s].label;
+            EXPECT_EQ(count_values(one), (std::vector<std::pair<double, uint64_t>>{{0, 60 - count[s]}, {label, count[s]}}))
+                << k << ' ' << s;
+        }
+    }
+    std::string beyond = nrrd_text("left-posterior-superior", 1);
+    beyond.insert(beyond.size() - 1, "Segment0_Name:=Far\nSegment0_Layer:=3\n");
+    EXPECT_NE(error_of(put("b.seg.nrrd", beyond + voxel_bytes_of())).find("segment \"Far\" is in layer 3 of 1"), std::string::npos);
+}
+
+// Voxels that are more or fewer than the header says, behind it or in a file of their own, packed or not.
+TEST_F(VolumeFile, SizesThatDoNotFitAreTold) {
+    const std::string plain = voxel_bytes_of(), nrrd = nrrd_text("left-posterior-superior", 1);
+    const auto with = [](std::string text, const std::string& from, const std::string& to) {
+        return text.replace(text.find(from), from.size(), to);
+    };
+    const std::string other = with(nrrd, "raw\n", "raw\ndata file: v.raw\n"), gz = with(nrrd, "raw", "gzip"),
+                      other_gz = with(other, "raw\n", "gzip\n");
+    const std::string skip = with(other, "raw\n", "raw\nbyte skip: 4\n"), last = with(other, "raw\n", "raw\nbyte skip: -1\n");
+    const std::string mhd = with(mha_text(), "LOCAL", "v.raw");
+    const auto read = [&](const std::string& head, bool packed, const std::string& voxels) {
+        const std::string bytes = packed ? gzip(voxels) : voxels;
+        const bool apart = head.find("v.raw") != std::string::npos, meta = head.starts_with("Object");
+        if (apart) put("v.raw", bytes);
+        return put(meta ? "a.mhd" : "a.nrrd", apart ? head : head + bytes);
+    };
+    for (const int more : {-120, -60, -1, 0, 1, 2, 60, 4000}) {
+        const std::string voxels = more < 0 ? plain.substr(0, plain.size() - size_t(-more)) : plain + std::string(size_t(more), 'x');
+        for (const auto& [head, packed] :
+             {std::pair{nrrd, false}, {other, false}, {gz, true}, {other_gz, true}, {mha_text(), false}, {mhd, false}}) {
+            const fs::path path = read(head, packed, voxels);
+            SCOPED_TRACE(head + std::to_string(more));
+            if (more < 0) {
+                EXPECT_NE(error_of(path), "no error");
+                continue;
+            }
+            const Volume volume = read_volume(path);
+            expect_closed_form(volume, 1, 0);
+            EXPECT_EQ(says(volume, "is longer than it says, and the end is passed over: its header asks for 120 bytes, " +
+                                       std::to_string(120 + more) + " are there"),
+                      more > 0);
+        }
+    }
+    EXPECT_NE(error_of(read(mhd, false, plain.substr(1))).find("its header asks for 120 bytes, 119 are there"), std::string::npos);
+    EXPECT_NE(error_of(read(other, false, plain.substr(1))).find("119"), std::string::npos)
+        << error_of(read(other, false, plain.substr(1)));
+    expect_closed_form(read_volume(read(skip, false, "head" + plain)), 1, 0);
+    EXPECT_TRUE(read_volume(read(skip, false, "head" + plain)).warnings.empty());
+    EXPECT_TRUE(says(read_volume(read(skip, false, "head" + plain + "x")), "124 bytes, 125 are there"));
+    expect_closed_form(read_volume(read(last, false, "any head" + plain)), 1, 0);
+    EXPECT_TRUE(read_volume(read(last, false, "any head" + plain)).warnings.empty());
+}
+
 // The stream from the child process is validated: each modification of it is rejected.
 TEST(VolumeStream, EveryUnsoundHeaderIsRefused) {
     VolumeStreamHeader good;
@@ -337,7 +438,10 @@ TEST(VolumeStream, EveryUnsoundHeaderIsRefused) {
     const double nan = std::nan(""), inf = INFINITY;
     const std::vector<std::function<void(VolumeStreamHeader&)>> faults{
         [](auto& h) { h.magic[3] = 'x'; },
-        [](auto& h) { h.version = 2; },
+        [](auto& h) { h.version = 1; },
+        [](auto& h) { h.layers = 0; },
+        [](auto& h) { h.layers = 2; },
+        [](auto& h) { h.layers = uint64_t{1} << 63; },
         [](auto& h) { h.type = 10; },
         [](auto& h) { h.type = 0; },
         [](auto& h) { h.size[1] = 0; },
@@ -361,7 +465,7 @@ TEST(VolumeStream, EveryUnsoundHeaderIsRefused) {
         EXPECT_THROW(decode_volume_stream(stream(bad)), InputError) << k;
     }
     EXPECT_THROW(decode_volume_stream(stream(good) + "x"), InputError);
-    EXPECT_THROW(decode_volume_stream(stream(good).substr(0, 287)), InputError);
+    EXPECT_THROW(decode_volume_stream(stream(good).substr(0, 295)), InputError);
     EXPECT_THROW(decode_volume_stream(stream(good).substr(0, 100)), InputError);
     EXPECT_THROW(decode_volume_stream(""), InputError);
 }

@@ -56,7 +56,7 @@ TEST(Volume, EveryVoxelTypeIsReadAsItsNumbers) {
         EXPECT_EQ(select_above(volume, 3.5, 1).count, 4u) << static_cast<int>(volume.type);
         const std::vector<std::pair<double, uint64_t>> expected{{0, 19}, {3, 1}, {7, 4}};
         EXPECT_EQ(count_values(volume), expected) << static_cast<int>(volume.type);
-        EXPECT_EQ(volume.voxels.size(), 24 * voxel_bytes(volume.type));
+        EXPECT_EQ(volume.voxels.size(), 24 * scalar_bytes(volume.type));
     };
     check(make_volume<uint8_t>(VoxelType::kUint8, {4, 3, 2}, pattern<uint8_t>()));
     check(make_volume<int8_t>(VoxelType::kInt8, {4, 3, 2}, pattern<int8_t>()));
