@@ -13,7 +13,8 @@ usage: ./trocar.sh COMMAND
   debug  build for debuggers with the library's assertions, run the unit tests
   asan   build with address and undefined-behaviour sanitizers, run the unit tests: ./trocar.sh asan [arguments of ctest]
   tsan   build with the thread sanitizer, run the live tests and a live run
-  fuzz   build with sanitizers, damage every kind of input for 10 minutes each: ./trocar.sh fuzz [MINUTES [ENDING...]]
+  fuzz   build with sanitizers, damage every kind of input for 10 minutes each: ./trocar.sh fuzz [MINUTES [ENDING...]];
+         or run random scenes and judge their physics: ./trocar.sh fuzz physics [MINUTES [SEED]], findings in out/fuzz/
   bench  build the bench program and run one of its suites: ./trocar.sh bench content [arguments]
   build  install what is missing, build
 TXT
@@ -74,6 +75,11 @@ case "${1:-}" in
     debug) build debug; run_tests debug -L unit ;;
     asan) build asan; run_tests asan -L unit "${@:2}" ;;
     fuzz)
+        if [ "${2:-}" = physics ]; then
+            build release trocar_fuzz
+            build/release/tests/trocar_fuzz --minutes "${3:-10}" --first "${4:-0}" --out out/fuzz
+            exit
+        fi
         setup
         cmake --preset asan >/dev/null
         cmake --build --preset asan -- --quiet trocar_mutate

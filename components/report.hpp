@@ -39,7 +39,7 @@ enum class Merge : uint8_t { kSum, kGreatest, kLeast };
 // Destinations of a number of the report.
 inline constexpr uint8_t kStored = 1, kInMetrics = 2, kTrigger = 4, kOnPage = 8;  // captures, metrics.json, --capture counter=, report.html
 inline constexpr uint8_t kFigure = kStored | kInMetrics, kEvent = kFigure | kTrigger, kTrouble = kEvent | kOnPage;
-inline constexpr uint8_t kLive = kInMetrics | kOnPage;  // depends on the real clock: not part of the state
+inline constexpr uint8_t kOfRun = kInMetrics | kOnPage;  // counted by the run, not by its passes: not part of the state
 
 // Every number of the report, one per line: a new one needs only a line here and the code that counts it.
 // PASS: counted by a pass. ISLAND: counted by each island while it is advanced, merged into the report at the end of the pass.
@@ -59,6 +59,8 @@ inline constexpr uint8_t kLive = kInMetrics | kOnPage;  // depends on the real c
     ISLAND(kGreatest, deepest_residual, "m", kFigure, "deepest overlap at the end of a pass")                                          \
     ISLAND(kLeast, min_volume_ratio, "", kStored,                                                                                      \
            "least signed volume of a tetrahedron / its volume at rest, all substeps so far; infinity without solids")                  \
+    ISLAND(kSum, inverted_tetrahedra, "", kTrouble, "times a tetrahedron was inside out at the end of a pass")                         \
+    ISLAND(kSum, short_steps, "", kTrouble, "steps shorter than 0.02 ms")                                                              \
     ISLAND(kSum, runaway_bodies, "", kTrouble, "times a body was restored because its energy had grown spontaneously")                 \
     PASS(kSum, awake_bodies, "", kFigure, "deformable bodies that were moved in the last pass")                                        \
     PASS(kSum, asleep_bodies, "", kFigure, "deformable bodies that slept in the last pass")                                            \
@@ -71,8 +73,12 @@ inline constexpr uint8_t kLive = kInMetrics | kOnPage;  // depends on the real c
     PASS(kSum, removed_tetrahedra, "", kEvent, "tetrahedra that were cut away")                                                        \
     PASS(kSum, opened_bodies, "", kEvent, "closed surfaces that a cut opened or made non-manifold: inside by winding number")          \
     ISLAND(kGreatest, worst_implicit_residual, "", kFigure, "largest residual of an implicit step, as Stepping::tolerance")            \
-    PASS(kSum, dropped_pictures, "", kLive, "pictures were dropped, because drawing was late")                                         \
-    PASS(kSum, late_passes, "", kLive | kTrigger, "contact passes were late")
+    PASS(kSum, start_overlaps, "", kOfRun, "pairs of bodies started more than 1 % of the smaller one inside each other")               \
+    PASS(kSum, tools_inside, "", kOfRun, "tools started inside a body")                                                                \
+    PASS(kSum, left_overlaps, "", kOfRun, "pairs of bodies were left more than 2 % of the smaller one inside each other")              \
+    PASS(kSum, unearned_energy, "", kOfRun, "pictures with more energy, or work of contact or numerics, than had entered the scene")   \
+    PASS(kSum, dropped_pictures, "", kOfRun, "pictures were dropped, because drawing was late")                                        \
+    PASS(kSum, late_passes, "", kOfRun | kTrigger, "contact passes were late")
 
 template <Merge merge>
 using ReportValue = std::conditional_t<merge == Merge::kSum, uint64_t, double>;

@@ -85,6 +85,15 @@ float for_groups(const TetStep& body, Kernel kernel) {
 
 float least_volume_ratio(const TetStep& body) { return for_groups(body, tet_kernels().measure); }
 
+uint32_t inverted_tetrahedra(const TetStep& body) {
+    const auto at = [&](uint32_t node) { return Vec3d(Eigen::Map<const Eigen::Vector3f>(body.offset + 4ul * node).cast<double>()); };
+    uint32_t inverted = 0;
+    for (uint32_t t = 0; t < body.tetrahedra; ++t) {
+        inverted += body.rest[t] > 0 && !(six_volumes(at(body.corner0[t]), at(body.corner1[t]), at(body.corner2[t]), at(body.corner3[t])) > 0);
+    }
+    return inverted;
+}
+
 float add_tet_forces(const TetStep& body, uint32_t slices) {
     const TetKernels& kernels = tet_kernels();
     std::fill_n(body.corner_force + 16ul * body.tetrahedra, 4, 0.0f);

@@ -70,5 +70,7 @@ double tet_energy(const TetStep& step, uint32_t nodes, const SolidModuli& moduli
 
 // The least signed volume / rest volume of the tetrahedra at step.offset; at most 1. Needs no outputs bound.
 float least_volume_ratio(const TetStep& step);
+// The number of tetrahedra that are flat or inside out at step.offset.
+uint32_t inverted_tetrahedra(const TetStep& step);
 
 }  // namespace trocar

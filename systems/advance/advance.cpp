@@ -273,6 +273,15 @@ void round_remainders(const AdvanceCall& call, const AdvanceBody& b, Particles& 
     });
 }
 
+// Volumes are looked at one by one only where some were small at the start of a substep, or where nothing measured them.
+uint32_t count_inverted(const AdvanceCall& call, uint32_t body, const Particles& particles, double least_ratio) {
+    const OtherForces& other = call.inputs.other;
+    const Bodies& bodies = call.inputs.bodies;
+    if (!other.solids || !is_solid(*other.solids, bodies.mesh[body])) return 0;
+    if (least_ratio > kPressedFlat && has_tets(other.solids, bodies, body)) return 0;
+    return inverted_tetrahedra(bind_tets(*other.solids, bodies, particles, body, other.torn_springs));
+}
+
 // Writes the particles of a body back, or restores their values at the start of the call.
 void finish_body(const AdvanceCall& call, const AdvanceBody& b, TissueScratch& scratch, const AdvanceState& state, AdvanceResult& result) {
     const auto count = [](uint64_t& counter, uint64_t more) { std::atomic_ref(counter).fetch_add(more, std::memory_order_relaxed); };
@@ -283,6 +292,8 @@ void finish_body(const AdvanceCall& call, const AdvanceBody& b, TissueScratch& s
     if (lost > 0 || ran_away) return restore_body(call, b, state);
     std::copy_n(b.now, b.particles.count, state.particles.offset.begin() + b.particles.first);
     if (b.step.remainder_x) round_remainders(call, b, state.particles);
+    if (const uint32_t inverted = count_inverted(call, b.body, state.particles, result.min_volume_ratio); inverted > 0)
+        count(result.inverted_tetrahedra, inverted);
     state.particles.last_dt[b.body] = b.last_dt;
 }
 
@@ -448,6 +459,7 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
         call.substep = substep;
         run_substep(call, has_contacts, scratch, state, result);
     }
+    if (call.dt < kShortStep) result.short_steps += params.substeps;
     for (const double work : scratch.tissue.sums) result.work_damping += work;
     finish_bodies(call, scratch.tissue, scratch.island, state, result);
     release_contacts(call, scratch.solver, scratch.island, state.constraints, result);

@@ -108,6 +108,9 @@ inline constexpr double kShortDisplacement = 0.02;
 inline constexpr double kPressed = 0.45, kPressedFlat = 0.3;
 inline constexpr uint32_t kFinerPressed = 2, kFinerPressedFlat = 4;
 
+// s, shorter steps are counted: more than 50 a millisecond. A round number.
+inline constexpr double kShortStep = 0.02e-3;
+
 // ---- bodies that fail ----
 
 // m, a particle farther than this from its origin counts as lost, like a non-finite one.

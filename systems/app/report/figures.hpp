@@ -123,6 +123,7 @@ struct RunFigures {
     int stopped_by = 0;           // signal number; 0 = the run completed
     bool capture_asked = false, meshes_written = false, too_many_meshes = false, recorded = false;
     double capture_s = 0;               // lockstep: time spent on states and hashes for captures
+    std::string ruin;                   // why the run has no value; empty = it has
     std::string write_failure;          // first picture or mesh that could not be written; empty = none
     std::vector<std::string> captures;  // files written, in the order of writing
     std::vector<std::string> bodies;    // "liver: 5002 vertices, deformable, 1 substep"

@@ -203,7 +203,7 @@ void first_device_states(World& world) {
 int64_t time_let_go(int64_t behind, int64_t period) { return behind > period ? behind : 0; }
 
 bool run_live(const RunParts& run, LiveRecording* recording) {
-    const auto& [options, seconds, frame, pictures, recorder, figures] = run;
+    const auto& [options, seconds, frame, pictures, recorder, figures, watch] = run;
     World& world = frame.world();
     TickCollector collector(recording);
     collector.begin(world, seconds);
@@ -250,6 +250,7 @@ bool run_live(const RunParts& run, LiveRecording* recording) {
         const double time = static_cast<double>(world.clock.tick) * 1e-3;
         const int64_t pass_start = monotonic_ns();
         frame.step();
+        watch.after_pass(frame);
         PassFigures pass = pass_figures(frame, time);
         if (frame.times().picture && drawing) drawing->publish(world.picture), ++published;
         pass.frame_ms = static_cast<double>(monotonic_ns() - pass_start) * 1e-6;

@@ -4,6 +4,7 @@
 #include "systems/app/pictures/picture_writer.hpp"
 #include "systems/app/report/figures.hpp"
 #include "systems/app/run/live_recording.hpp"
+#include "systems/app/run/run_watch.hpp"
 #include "systems/frame/frame.hpp"
 namespace trocar {
 
@@ -28,6 +29,7 @@ struct RunParts {
     PictureWriter* pictures;  // may be null
     FrameRecorder* recorder;  // of captures; may be null
     RunFigures& figures;
+    RunWatch& watch;
 };
 
 // Runs a frame against the real clock: this thread simulates, haptics tick at 1 kHz on their own thread, and a

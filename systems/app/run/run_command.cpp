@@ -127,26 +127,13 @@ void take_picture(Frame& frame, PictureWriter& pictures, RunFigures& figures, Pa
     });
 }
 
-// Warns of pairs that start so deep in each other that it is probably a mistake, and names the first three.
-// Uses the first pass's results.
-void warn_of_deep_starts(const World& w) {
-    constexpr double kDeep = 0.125;  // of the smaller body's size
-    size_t deep = 0;
-    for (size_t i = 0; i < w.penetrations.pair.size(); ++i) {
-        const uint32_t a = w.pairs.a[w.penetrations.pair[i]], b = w.pairs.b[w.penetrations.pair[i]];
-        const double size = 2 * std::min(w.meshes.info[w.bodies.mesh[a]].radius, w.meshes.info[w.bodies.mesh[b]].radius),
-                     depth = w.penetrations.depth[i];
-        if (!(depth > kDeep * size) || ++deep > 3) continue;
-        std::fprintf(stderr,
-                     "trocar: warning: \"%s\" and \"%s\" start %.3g mm inside each other, %.2g %% of the smaller one: move them apart\n",
-                     w.bodies.name[a].c_str(), w.bodies.name[b].c_str(), 1e3 * depth, 100 * depth / size);
-    }
-    if (deep > 3) std::fprintf(stderr, "trocar: warning: and so do %zu more pairs\n", deep - 3);
+void print_warnings(const std::vector<std::string>& warnings) {
+    for (const std::string& warning : warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
 }
 
 // Runs as fast as possible in one deterministic order, freely or following a recorded live run.
 void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
-    const auto& [options, seconds, frame, pictures, recorder, figures] = run;
+    const auto& [options, seconds, frame, pictures, recorder, figures, watch] = run;
     std::map<uint64_t, std::string_view> names;
     CostMeter costs;
     Progress progress(figures.scene);
@@ -163,7 +150,8 @@ void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
         frame.step();
         const double frame_ms = static_cast<double>(now_ns() - pass_start) * 1e-6;
         figures.world_bytes += resident_bytes() - bytes;
-        if (frame.world().clock.pass == 1) warn_of_deep_starts(frame.world());
+        watch.after_pass(frame);
+        print_warnings(watch.take_warnings());
         PassFigures pass = pass_figures(frame, time);
         pass.frame_ms = frame_ms;
         costs.add(frame, figures);
@@ -303,6 +291,7 @@ std::string ruin_text(const RunFigures& f) {
     if (f.report.nonfinite_particles > 0)
         return std::to_string(f.report.nonfinite_particles) +
                " particles had positions or velocities that are not finite, and their bodies were restored";
+    if (!f.ruin.empty()) return f.ruin;
     for (const PassFigures& p : f.pass)
         if (!std::isfinite(p.energy.balance)) return format("the energy is not finite after %.3f s", p.time);
     return "";
@@ -486,7 +475,7 @@ int run_command(const RunOptions& options) {
         figures.world_bytes = resident_bytes() - bytes;
         if (!options.out.empty()) clear_outputs(options.out);  // a faulty scene must not delete results
         if (options.live) refuse_what_is_not_live(scene.world);
-        for (const std::string& warning : scene.warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
+        print_warnings(scene.warnings);
         Trace trace(options.out.empty() || options.figures_only ? 0 : kTraceCapacity);
         FrameOptions frame_options;
         frame_options.trace = options.out.empty() || options.figures_only ? nullptr : &trace;
@@ -506,12 +495,17 @@ int run_command(const RunOptions& options) {
         if (!options.capture.empty())
             recorder.emplace(frame, capture_header(scene, figures), triggers, options.out / "captures", FrameRecorder::kMostKeptBytes,
                              static_cast<uint64_t>(std::min(seconds, 1e6) * frame.world().clock.contact_rate));
-        const RunParts run{options, seconds, frame, pictures ? &*pictures : nullptr, recorder ? &*recorder : nullptr, figures};
+        RunWatch watch(frame.world());
+        print_warnings(watch.take_warnings());
+        const RunParts run{options, seconds, frame, pictures ? &*pictures : nullptr, recorder ? &*recorder : nullptr, figures, watch};
         if (options.live)
             run_recorded(run);
         else
             run_lockstep(run, repeat ? &*repeat : nullptr, frame_options.trace);
         if (recorder) finish_captures(*recorder, figures);
+        watch.finish(frame.world());
+        print_warnings(watch.take_warnings());
+        figures.ruin = watch.ruin();
         finish_figures(frame, figures);
         if (!options.out.empty()) write_outputs(options, frame, trace, run.pictures, figures);
     });

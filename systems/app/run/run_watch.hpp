@@ -1,0 +1,55 @@
+#pragma once
+#include <array>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "systems/frame/frame.hpp"
+namespace trocar {
+
+// Energy of a scene against what entered it: what it had at the start, what hands, scripts and new links brought, and
+// the height lost. While bodies that started inside each other still are, what parts them enters, too; and what comes
+// back into a pool of bodies.
+struct EnergyBudget {
+    bool known = false;
+    double start = 0, start_gravity = 0, least_gravity = 0;  // J
+    double mass = 0;                                         // kg, of all that forces move
+    double hand = 0, links = 0;                              // J, the most so far
+    double parting = 0;                                      // J
+    Energy last;
+    double entered() const { return start + hand + links + parting + (start_gravity - least_gravity); }
+};
+
+// Looks after each pass for what a scene cannot mean or a simulation must not do: counts it in the world's report and
+// warns, naming a body or tool, once for each kind of trouble.
+class RunWatch {
+ public:
+    // Before the first pass.
+    explicit RunWatch(const World& world);
+    void after_pass(Frame& frame);
+    // After the last one.
+    void finish(World& world);
+    // What was not yet taken.
+    std::vector<std::string> take_warnings();
+    // Why the run has no value; empty = it has.
+    const std::string& ruin() const { return ruin_; }
+    // Whether it warned of short steps.
+    bool is_slow() const { return short_; }
+
+ private:
+    void look_at_start(World& world);
+    void look_at_energy(Frame& frame);
+    void look_at_tetrahedra(const World& world);
+    void look_at_steps(const World& world);
+    void follow_overlaps(const World& world);
+
+    std::vector<std::string> warnings_;
+    std::string ruin_;
+    EnergyBudget budget_;
+    std::map<std::array<uint32_t, 2>, uint64_t> overlapping_;  // pairs, and the tick since when
+    std::vector<uint8_t> inverted_;                            // per body: warned of
+    uint64_t inverted_before_ = 0;
+    bool parting_ = false, short_ = false, unearned_ = false;
+};
+
+}  // namespace trocar
