@@ -70,9 +70,10 @@ std::map<uint32_t, Segment> read_text_header(const fs::path& path) {
     constexpr size_t kHeaderLimit = size_t{1} << 24;
     std::map<uint32_t, Segment> segments;
     std::ifstream in(path, std::ios::binary);
-    std::string text(4, '\0');
-    in.read(text.data(), 4);
-    const bool nrrd = text == "NRRD";
+    std::string text(kHeaderLimit, '\0');
+    in.read(text.data(), static_cast<std::streamsize>(text.size()));
+    text.resize(static_cast<size_t>(std::max<std::streamsize>(in.gcount(), 0)));
+    const bool nrrd = text.starts_with("NRRD");
     const std::string ending = lower_case(path.extension().string());
     if (!nrrd && ending != ".mhd" && ending != ".mha") return segments;
     const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
@@ -84,12 +85,11 @@ std::map<uint32_t, Segment> read_text_header(const fs::path& path) {
         if (!refusal.empty()) throw InputError(path.string() + ": data file \"" + name + "\": " + refusal);
     };
     bool listed = false;
-    in.clear();
-    in.seekg(0);
-    for (size_t read = 0; read < kHeaderLimit && std::getline(in, text); read += text.size() + 1) {
-        const std::string line = without_blanks(text);
+    for (size_t begin = 0, end; begin < text.size(); begin = end + 1) {
+        end = std::min(text.find('\n', begin), text.size());
+        const std::string line = without_blanks(text.substr(begin, end - begin));
         const std::string name = listed ? line : named_data_file(line), word = lower_case(name);
-        if ((nrrd && !listed && line.empty()) || word == "local") break;  // voxel data begins
+        if ((nrrd && !listed && line.empty()) || word == "local") return segments;  // voxel data begins
         if (nrrd) note_segment(line, segments);
         if (name.empty()) continue;
         if (!listed && word.starts_with("list")) {
@@ -98,6 +98,7 @@ std::map<uint32_t, Segment> read_text_header(const fs::path& path) {
             check(name);
         }
     }
+    if (text.size() == kHeaderLimit) throw InputError(path.string() + ": a header longer than 16 MiB");
     return segments;
 }
 

@@ -135,21 +135,19 @@ uint64_t inflated_bytes(std::string_view packed) {
     return total;
 }
 
-// A text header and the bytes of the file behind it.
 struct TextHeader {
-    std::string bytes;
-    size_t end = 0;                            // of the header
+    size_t bytes = 0;
     std::map<std::string, std::string> value;  // by key in lower case
 };
 
 // Lines "key: value" up to an empty line (NRRD), or "Key = value" up to ElementDataFile (MetaImage).
 TextHeader read_text_header(const fs::path& path) {
     TextHeader header;
-    header.bytes = file_bytes(path);
-    for (bool last = false; !last && header.end < header.bytes.size();) {
-        const size_t stop = std::min(header.bytes.find('\n', header.end), header.bytes.size());
-        const std::string line = trimmed(header.bytes.substr(header.end, stop - header.end));
-        header.end = std::min(stop + 1, header.bytes.size());
+    std::ifstream stream(path, std::ios::binary);
+    std::string line;
+    for (bool last = false; !last && std::getline(stream, line);) {
+        header.bytes += line.size() + 1;
+        line = trimmed(line);
         const size_t between = line.find_first_of(":=");
         const std::string key = lower_case(trimmed(line.substr(0, between)));
         last = line.empty() || key == "elementdatafile";
@@ -169,8 +167,9 @@ void check_length(const fs::path& path, uint64_t wanted) {
     const bool packed = coding == "gzip" || coding == "gz" || lower_case(value("compresseddata")) == "true";
     if ((!coding.empty() && !packed && coding != "raw") || header.value.contains("line skip") || header.value.contains("lineskip")) return;
     const bool attached = name.empty() || lower_case(name) == "local";
-    const std::string there = attached ? header.bytes.substr(header.end) : file_bytes(path.parent_path() / name);
-    const uint64_t count = packed ? inflated_bytes(there) : there.size();
+    const fs::path file = attached ? path : path.parent_path() / name;
+    const uint64_t begin = attached ? std::min<uint64_t>(header.bytes, fs::file_size(file)) : 0;
+    const uint64_t count = packed ? inflated_bytes(std::string_view(file_bytes(file)).substr(begin)) : fs::file_size(file) - begin;
     const std::string skip = value("byte skip") + value("byteskip") + value("headersize");  // -1: the voxels are the last bytes
     const uint64_t asked = wanted + (skip.empty() ? 0 : std::strtoull(skip.c_str(), nullptr, 10) * (skip[0] != '-'));
     const std::string sizes = "its header asks for " + std::to_string(asked) + " bytes, " + std::to_string(count) + " are there";

@@ -18,8 +18,6 @@ constexpr Language kAny = Language::kBoth, kOld = Language::kOne, kNew = Languag
 // clang-format off
 constexpr auto kTypes = sort_types(std::to_array<NodeType>({
     {"Separator", Role::kGroup, kOld, "renderCulling renderCaching boundingBoxCaching pickCulling"},
-    {"Annotation", Role::kGroup, kOld, "*"},
-    {"Selection", Role::kGroup, kOld, "*"},
     {"WWWAnchor", Role::kGroup, kOld, "name description map"},
     {"Group", Role::kOpenGroup, kAny, "children"},
     {"TransformSeparator", Role::kTransformGroup, kOld, ""},
@@ -40,28 +38,6 @@ constexpr auto kTypes = sort_types(std::to_array<NodeType>({
     {"File", Role::kInline, kOld, "name"},
     {"Inline", Role::kInline, kNew, "url load"},
     {"InlineLoadControl", Role::kInline, kNew, "url load"},
-    {"HAnimHumanoid", Role::kTransform, kNew, "*"},
-    {"HAnimJoint", Role::kTransform, kNew, "*"},
-    {"HAnimSegment", Role::kGroup, kNew, "*"},
-    {"HAnimSite", Role::kTransform, kNew, "*"},
-    {"HAnimDisplacer", Role::kIgnored, kNew, "*"},
-    {"Humanoid", Role::kTransform, kNew, "*"},  // HAnim 1.1
-    {"Joint", Role::kTransform, kNew, "*"},
-    {"Segment", Role::kGroup, kNew, "*"},
-    {"Site", Role::kTransform, kNew, "*"},
-    {"Displacer", Role::kIgnored, kNew, "*"},
-    {"CADAssembly", Role::kGroup, kNew, "*"},
-    {"CADLayer", Role::kGroup, kNew, "*"},
-    {"CADPart", Role::kTransform, kNew, "*"},
-    {"CADFace", Role::kGroup, kNew, "*"},
-    {"EspduTransform", Role::kTransform, kNew, "*"},
-    {"PickableGroup", Role::kGroup, kNew, "*"},
-    {"ScreenGroup", Role::kGroup, kNew, "*"},
-    {"LayerSet", Role::kGroup, kNew, "*"},
-    {"Layer", Role::kGroup, kNew, "*"},
-    {"LayoutLayer", Role::kGroup, kNew, "*"},
-    {"Viewport", Role::kGroup, kNew, "*"},
-    {"ViewpointGroup", Role::kGroup, kNew, "*"},
     {"Shape", Role::kShape, kNew, "appearance geometry"},
     {"Appearance", Role::kAppearance, kNew, "material texture textureTransform lineProperties fillProperties pointProperties shaders backMaterial alphaMode "
      "alphaCutoff"},
@@ -88,10 +64,6 @@ constexpr auto kTypes = sort_types(std::to_array<NodeType>({
     {"Sphere", Role::kSphere, kAny, "radius solid"},
     {"Cone", Role::kCone, kAny, "parts bottomRadius height bottom side solid"},
     {"Cylinder", Role::kCylinder, kAny, "parts radius height bottom side top solid"},
-    {"AsciiText", Role::kUnsupported, kOld, "*"},
-    {"IndexedLineSet", Role::kIgnored, kAny, "*"},
-    {"PointSet", Role::kIgnored, kAny, "*"},
-    {"Text", Role::kUnsupported, kNew, "*"},
     {"Extrusion", Role::kExtrusion, kNew,
      "crossSection spine scale orientation beginCap endCap ccw solid convex creaseAngle"},
     {"ElevationGrid", Role::kElevationGrid, kNew,
@@ -108,96 +80,69 @@ constexpr auto kTypes = sort_types(std::to_array<NodeType>({
     {"QuadSet", Role::kQuads, kNew, X3D_SET},
     {"FaceSet", Role::kPolygons, kOld, "numVertices startIndex vertexProperty"},
     {"QuadMesh", Role::kQuadMesh, kOld, "verticesPerRow verticesPerColumn startIndex vertexProperty"},
-    {"Rectangle2D", Role::kUnsupported, kNew, "*"},
-    {"Disk2D", Role::kUnsupported, kNew, "*"},
-    {"TriangleSet2D", Role::kUnsupported, kNew, "*"},
-    {"GeoElevationGrid", Role::kUnsupported, kNew, "*"},
-    {"NurbsSurface", Role::kUnsupported, kOld, "*"},
-    {"IndexedNurbsSurface", Role::kUnsupported, kOld, "*"},
-    {"NurbsPatchSurface", Role::kUnsupported, kNew, "*"},
-    {"NurbsTrimmedSurface", Role::kUnsupported, kNew, "*"},
-    {"Text3", Role::kUnsupported, kOld, "*"},
-    {"LineSet", Role::kIgnored, kAny, "*"},
-    {"MovieTexture", Role::kIgnored, kNew, "*"},
-    {"BaseColor", Role::kIgnored, kOld, "*"},
-    {"DirectionalLight", Role::kIgnored, kAny, "*"},
-    {"DirectedLight", Role::kIgnored, kOld, "*"},
-    {"PointLight", Role::kIgnored, kAny, "*"},
-    {"SpotLight", Role::kIgnored, kAny, "*"},
-    {"OrthographicCamera", Role::kIgnored, kOld, "*"},
-    {"PerspectiveCamera", Role::kIgnored, kOld, "*"},
-    {"Normal", Role::kIgnored, kAny, "*"},
-    {"NormalBinding", Role::kIgnored, kOld, "*"},
-    {"FontStyle", Role::kIgnored, kAny, "*"},
-    {"Info", Role::kIgnored, kOld, "*"},
-    {"Environment", Role::kIgnored, kOld, "*"},
-    {"Complexity", Role::kIgnored, kOld, "*"},
-    {"DrawStyle", Role::kIgnored, kOld, "*"},
-    {"LightModel", Role::kIgnored, kOld, "*"},
-    {"PickStyle", Role::kIgnored, kOld, "*"},
-    {"BackgroundColor", Role::kIgnored, kOld, "*"},
-    {"WorldInfo", Role::kIgnored, kNew, "*"},
-    {"NavigationInfo", Role::kIgnored, kNew, "*"},
-    {"Viewpoint", Role::kIgnored, kNew, "*"},
-    {"Background", Role::kIgnored, kNew, "*"},
-    {"Fog", Role::kIgnored, kNew, "*"},
-    {"Sound", Role::kIgnored, kNew, "*"},
-    {"AudioClip", Role::kIgnored, kNew, "*"},
-    {"Script", Role::kIgnored, kNew, "*"},
-    {"TimeSensor", Role::kIgnored, kNew, "*"},
-    {"TouchSensor", Role::kIgnored, kNew, "*"},
-    {"PlaneSensor", Role::kIgnored, kNew, "*"},
-    {"SphereSensor", Role::kIgnored, kNew, "*"},
-    {"CylinderSensor", Role::kIgnored, kNew, "*"},
-    {"ProximitySensor", Role::kIgnored, kNew, "*"},
-    {"VisibilitySensor", Role::kIgnored, kNew, "*"},
-    {"PositionInterpolator", Role::kIgnored, kNew, "*"},
-    {"OrientationInterpolator", Role::kIgnored, kNew, "*"},
-    {"ScalarInterpolator", Role::kIgnored, kNew, "*"},
-    {"ColorInterpolator", Role::kIgnored, kNew, "*"},
-    {"CoordinateInterpolator", Role::kIgnored, kNew, "*"},
-    {"NormalInterpolator", Role::kIgnored, kNew, "*"},
-    {"MetadataString", Role::kIgnored, kNew, "*"},
-    {"MetadataSet", Role::kIgnored, kNew, "*"},
-    {"MetadataFloat", Role::kIgnored, kNew, "*"},
-    {"MetadataDouble", Role::kIgnored, kNew, "*"},
-    {"MetadataInteger", Role::kIgnored, kNew, "*"},
-    {"BooleanSequencer", Role::kIgnored, kNew, "*"},
-    {"IntegerSequencer", Role::kIgnored, kNew, "*"},
-    {"BooleanFilter", Role::kIgnored, kNew, "*"},
-    {"BooleanToggle", Role::kIgnored, kNew, "*"},
-    {"BooleanTrigger", Role::kIgnored, kNew, "*"},
-    {"TimeTrigger", Role::kIgnored, kNew, "*"},
-    {"KeySensor", Role::kIgnored, kNew, "*"},
-    {"StringSensor", Role::kIgnored, kNew, "*"},
-    {"LoadSensor", Role::kIgnored, kNew, "*"},
-    {"OrthoViewpoint", Role::kIgnored, kNew, "*"},
-    {"TextureBackground", Role::kIgnored, kNew, "*"},
-    {"FillProperties", Role::kIgnored, kNew, "*"},
-    {"LineProperties", Role::kIgnored, kNew, "*"},
 }));
+
+// Nodes of which any field is accepted: names separated by blanks.
+struct NodeList {
+    Role role;
+    Language language;
+    std::string_view names;
+};
+constexpr NodeList kLists[] = {
+    {Role::kGroup, kOld,
+     "Annotation Selection"},
+    {Role::kGroup, kNew,
+     "HAnimSegment Segment CADAssembly CADLayer CADFace PickableGroup ScreenGroup LayerSet Layer LayoutLayer "
+     "Viewport ViewpointGroup"},
+    {Role::kTransform, kNew,
+     "HAnimHumanoid HAnimJoint HAnimSite Humanoid Joint Site CADPart EspduTransform"},
+    {Role::kUnsupported, kOld,
+     "AsciiText NurbsSurface IndexedNurbsSurface Text3"},
+    {Role::kUnsupported, kNew,
+     "Text Rectangle2D Disk2D TriangleSet2D GeoElevationGrid NurbsPatchSurface NurbsTrimmedSurface"},
+    {Role::kIgnored, kOld,
+     "BaseColor DirectedLight OrthographicCamera PerspectiveCamera NormalBinding Info Environment Complexity "
+     "DrawStyle LightModel PickStyle BackgroundColor"},
+    {Role::kIgnored, kNew,
+     "HAnimDisplacer Displacer MovieTexture WorldInfo NavigationInfo Viewpoint Background Fog Sound AudioClip Script "
+     "TimeSensor TouchSensor PlaneSensor SphereSensor CylinderSensor ProximitySensor VisibilitySensor "
+     "PositionInterpolator OrientationInterpolator ScalarInterpolator ColorInterpolator CoordinateInterpolator "
+     "NormalInterpolator MetadataString MetadataSet MetadataFloat MetadataDouble MetadataInteger BooleanSequencer "
+     "IntegerSequencer BooleanFilter BooleanToggle BooleanTrigger TimeTrigger KeySensor StringSensor LoadSensor "
+     "OrthoViewpoint TextureBackground FillProperties LineProperties"},
+    {Role::kIgnored, kAny,
+     "IndexedLineSet PointSet LineSet DirectionalLight PointLight SpotLight Normal FontStyle"},
+};
 // clang-format on
 #undef X3D_SET
+
+// Where a word stands in a list of words separated by blanks.
+size_t find_word(std::string_view list, std::string_view word) {
+    for (size_t at = list.find(word); at != std::string_view::npos; at = list.find(word, at + 1)) {
+        const size_t end = at + word.size();
+        if ((at == 0 || list[at - 1] == ' ') && (end == list.size() || list[end] == ' ')) return at;
+    }
+    return std::string_view::npos;
+}
 
 }  // namespace
 
 NodeType find_node_type(std::string_view name) {
     const auto found =
         std::lower_bound(kTypes.begin(), kTypes.end(), name, [](const NodeType& type, std::string_view n) { return type.name < n; });
-    return found != kTypes.end() && found->name == name ? *found : NodeType{};
+    if (found != kTypes.end() && found->name == name) return *found;
+    for (const NodeList& list : kLists) {
+        const size_t at = name.empty() ? std::string_view::npos : find_word(list.names, name);
+        if (at != std::string_view::npos) return {list.names.substr(at, name.size()), list.role, list.language, "*"};
+    }
+    return {};
 }
 
 bool has_field(const NodeType& type, std::string_view field) {
     if (type.fields == "*" || type.role == Role::kUnknown) return true;
     // fields of every node: VRML 1.0 extensions, bounding boxes of groups, X3D
-    for (const std::string_view all : {"fields", "isA", "bboxCenter", "bboxSize", "metadata", "visible", "bboxDisplay"}) {
-        if (field == all) return true;
-    }
-    std::string_view rest = type.fields;
-    while (!rest.empty()) {
-        const size_t blank = rest.find(' ');
-        if (rest.substr(0, blank) == field) return true;
-        rest = blank == std::string_view::npos ? std::string_view{} : rest.substr(blank + 1);
+    for (const std::string_view names : {std::string_view("fields isA bboxCenter bboxSize metadata visible bboxDisplay"), type.fields}) {
+        if (!field.empty() && find_word(names, field) != std::string_view::npos) return true;
     }
     return false;
 }
