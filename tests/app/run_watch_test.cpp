@@ -7,6 +7,7 @@
 #include <string>
 
 #include "engine/tissue/tet_forces.hpp"
+#include "tests/app/run_program.hpp"
 #include "tests/frame/written_scene.hpp"
 
 namespace trocar {
@@ -157,6 +158,27 @@ TEST(RunWatch, NamesWhatIsLeftInside) {
     EXPECT_EQ(w.report.left_overlaps, 1u);
     EXPECT_TRUE(says(w, "\"wall\" and \"stuck\" are left 8 mm inside each other, 4.6 %")) << w.warnings;
     EXPECT_EQ(watch("gravity = [0, 0, 0]\n" + scene, 3, push_in).report.left_overlaps, 0u);
+}
+
+// A script that jumps below a box lifts it without work: the program says so, by name and number, and ends with 1.
+TEST(RunWatch, ARunOfEnergyFromNowhereEndsWithOne) {
+    const auto lift = [](const std::string& jump) {
+        return "[contact]\npush_speed = 10.0\n" + body("floor", "position = [0, 0, -0.05]") +
+               body("thing", "motion = \"free\"\nposition = [0, 0, 0.05]") +
+               body("lift", "motion = \"kinematic\"\npath = [{time = 0.0, position = [0, 0, -1]}, {time = 0.1, position = [0, 0, " + jump +
+                                "], jump = true}]");
+    };
+    const std::filesystem::path folder = std::filesystem::temp_directory_path() / ("trocar_watch_" + std::to_string(getpid()));
+    std::filesystem::create_directories(folder);
+    for (const bool lifts : {true, false}) {
+        const WrittenScene scene("jump", lift(lifts ? "-0.035" : "-0.2"));
+        const Outcome outcome = run_program("run " + scene.path.string() + " --seconds 0.2 --no-render --out out", folder, folder);
+        EXPECT_EQ(outcome.code, lifts ? 1 : 0) << outcome.err;
+        EXPECT_EQ(outcome.err.find("the simulation broke: the work of position correction is 1") != std::string::npos, lifts)
+            << outcome.err;
+        EXPECT_EQ(outcome.err.find("most energy is in \"thing\"") != std::string::npos, lifts) << outcome.err;
+    }
+    std::filesystem::remove_all(folder);
 }
 
 }  // namespace
