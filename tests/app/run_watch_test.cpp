@@ -7,6 +7,7 @@
 #include <string>
 
 #include "engine/tissue/tet_forces.hpp"
+#include "tests/app/run_program.hpp"
 #include "tests/frame/written_scene.hpp"
 
 namespace trocar {
@@ -50,14 +51,15 @@ const std::string kSolid = "motion = \"deformable\"\nmodel = \"solid\"\ncells = 
 
 bool says(const Watched& w, const std::string& text) { return w.warnings.find(text) != std::string::npos; }
 
-// The share of the smaller body is exact: cubes of 0.1 m, whose diagonal is the size, overlap by 5 mm and by 1 mm.
+// Depth and share of the smaller body are exact: cubes of 0.1 m, whose diagonal is the size, overlap by 24 mm and by 5 mm. What
+// starts more than a hundredth inside is counted, more than an eighth named.
 TEST(RunWatch, NamesWhatStartsInsideAndHowDeep) {
     const std::string scene = "gravity = [0, 0, 0]\n" + body("low", "motion = \"static\"") +
-                              body("high", "motion = \"free\"\nposition = [0, 0, 0.095]") +
-                              body("far", "motion = \"free\"\nposition = [0.099, 0, -0.002]");
+                              body("high", "motion = \"free\"\nposition = [0, 0, 0.076]") +
+                              body("far", "motion = \"free\"\nposition = [0.095, 0, -0.03]");
     const Watched w = watch(scene, 1);
-    EXPECT_EQ(w.report.start_overlaps, 1u) << w.warnings;
-    EXPECT_TRUE(says(w, "\"low\" and \"high\" start 5 mm inside each other, 2.9 %")) << w.warnings;
+    EXPECT_EQ(w.report.start_overlaps, 2u) << w.warnings;
+    EXPECT_TRUE(says(w, "\"low\" and \"high\" start 24 mm inside each other, 14 %")) << w.warnings;
     EXPECT_FALSE(says(w, "far")) << w.warnings;
     EXPECT_TRUE(watch("gravity = [0, 0, 0]\n" + body("low", "") + body("high", "motion = \"free\"\nposition = [0, 0, 0.101]"), 30)
                     .warnings.empty());
@@ -134,7 +136,7 @@ TEST(RunWatch, NamesEnergyFromNowhere) {
             if (pass == 5) world.poses.velocity[1] *= faster;
         });
         EXPECT_EQ(w.report.unearned_energy > 0, faster > 1.005) << faster;
-        EXPECT_EQ(says(w, "most of it is in \"ball\""), faster > 1.005 && faster < 3) << faster << w.warnings;
+        EXPECT_EQ(says(w, "most energy is in \"ball\""), faster > 1.005 && faster < 3) << faster << w.warnings;
         EXPECT_EQ(w.ruin.empty(), faster < 3) << w.ruin;
     }
     const std::string floor = body("floor", "position = [0, 0, -0.05]"), up = "position = [0, 0, 0.2]\n";
@@ -156,6 +158,27 @@ TEST(RunWatch, NamesWhatIsLeftInside) {
     EXPECT_EQ(w.report.left_overlaps, 1u);
     EXPECT_TRUE(says(w, "\"wall\" and \"stuck\" are left 8 mm inside each other, 4.6 %")) << w.warnings;
     EXPECT_EQ(watch("gravity = [0, 0, 0]\n" + scene, 3, push_in).report.left_overlaps, 0u);
+}
+
+// A script that jumps below a box lifts it without work: the program says so, by name and number, and ends with 1.
+TEST(RunWatch, ARunOfEnergyFromNowhereEndsWithOne) {
+    const auto lift = [](const std::string& jump) {
+        return "[contact]\npush_speed = 10.0\n" + body("floor", "position = [0, 0, -0.05]") +
+               body("thing", "motion = \"free\"\nposition = [0, 0, 0.05]") +
+               body("lift", "motion = \"kinematic\"\npath = [{time = 0.0, position = [0, 0, -1]}, {time = 0.1, position = [0, 0, " + jump +
+                                "], jump = true}]");
+    };
+    const std::filesystem::path folder = std::filesystem::temp_directory_path() / ("trocar_watch_" + std::to_string(getpid()));
+    std::filesystem::create_directories(folder);
+    for (const bool lifts : {true, false}) {
+        const WrittenScene scene("jump", lift(lifts ? "-0.035" : "-0.2"));
+        const Outcome outcome = run_program("run " + scene.path.string() + " --seconds 0.2 --no-render --out out", folder, folder);
+        EXPECT_EQ(outcome.code, lifts ? 1 : 0) << outcome.err;
+        EXPECT_EQ(outcome.err.find("the simulation broke: the work of position correction is 1") != std::string::npos, lifts)
+            << outcome.err;
+        EXPECT_EQ(outcome.err.find("most energy is in \"thing\"") != std::string::npos, lifts) << outcome.err;
+    }
+    std::filesystem::remove_all(folder);
 }
 
 }  // namespace

@@ -14,13 +14,6 @@ namespace {
 
 double stored(const Energy& e) { return e.kinetic + e.elastic + e.pressure + e.bending + e.links; }
 
-double mass_of(const World& w) {
-    double mass = 0;
-    for (const RigidMass& free : w.bodies.rigid_mass) mass += free.mass;
-    for (const Float4& o : w.particles.offset) mass += o.w > 0 ? 1.0 / static_cast<double>(o.w) : 0;
-    return mass;
-}
-
 // The first thing that is no number; null if all are.
 const char* find_nonfinite(const World& w) {
     const auto finite = [](const std::vector<Vec3d>& v) { return std::ranges::all_of(v, [](const Vec3d& p) { return p.allFinite(); }); };
@@ -42,8 +35,7 @@ double distance_to(const World& w, uint32_t body, const Vec3d& p) {
 
 }  // namespace
 
-Judge::Judge(Frame& frame)
-    : frame_(frame), watch_(frame.world()), hands_(frame.world().haptics.tool.size()), mass_(mass_of(frame.world())) {
+Judge::Judge(Frame& frame) : frame_(frame), watch_(frame.world()), hands_(frame.world().haptics.tool.size()) {
     const Energy& e = frame.world().energy;
     start_ = stored(e);
     start_gravity_ = least_gravity_ = e.gravity;
@@ -102,19 +94,18 @@ void Judge::look_at_tips() {
     }
 }
 
+// What hands and scripts did, links brought and bodies that started inside each other were parted with, is the most that can be in
+// play beyond the start; a fall only changes its form.
 void Judge::look_at_energy() {
-    const World& w = frame_.world();
-    const Energy& e = w.energy;
+    const Energy& e = frame_.world().energy;
     least_gravity_ = std::min(least_gravity_, e.gravity);
     hand_ = std::max(hand_, e.work_hand + std::max(0.0, e.work_links));
-    if (w.report.start_overlaps > 0) parting_ += std::max(0.0, e.work_push - push_);
-    push_ = e.work_push;
-    const double in_play = stored(e) + e.gravity - start_gravity_, allowed = start_ + hand_ + parting_;
-    const double noise = 1e-5 * std::max(std::abs(e.gravity), std::abs(start_gravity_)) + 1e-6 * mass_;
-    if (in_play > allowed + 0.01 * (allowed + start_gravity_ - least_gravity_) + noise)
-        add(Kind::kEnergy, w.report.unearned_energy > 0,
-            format("%.4g mJ of energy at %.3f s, where %.4g mJ can be", 1e3 * in_play, static_cast<double>(w.clock.tick) * 1e-3,
-                   1e3 * allowed));
+    const double in_play = stored(e) + e.gravity - start_gravity_, allowed = start_ + hand_ + watch_.budget().parting;
+    const double noise = 1e-5 * std::max(std::abs(e.gravity), std::abs(start_gravity_)) + watch_.budget().noise;
+    if (!(in_play - allowed - noise > beyond_)) return;
+    beyond_ = in_play - allowed - noise;
+    energy_text_ = format("%.4g mJ of energy at %.3f s, where %.4g mJ can be", 1e3 * in_play,
+                          static_cast<double>(frame_.world().clock.tick) * 1e-3, 1e3 * allowed);
 }
 
 void Judge::after_pass() {
@@ -141,6 +132,8 @@ void Judge::look_at_end() {
     }
     if (w.report.left_overlaps > 0)
         add(Kind::kOverlap, true, format("%llu pairs are left inside each other", static_cast<unsigned long long>(w.report.left_overlaps)));
+    if (beyond_ > 0.01 * (start_ + hand_ + watch_.budget().parting + start_gravity_ - least_gravity_))
+        add(Kind::kEnergy, w.report.unearned_energy > 0, energy_text_);
     if (w.report.unearned_energy > 0) add(Kind::kEnergy, true, "the work of contact or numerics is more than what entered");
 }
 

@@ -56,8 +56,8 @@ class Judge {
     RunWatch watch_;
     std::vector<Hand> hands_;
     std::vector<Trouble> found_;
-    double start_ = 0, start_gravity_ = 0, least_gravity_ = 0, hand_ = 0, parting_ = 0, mass_ = 0;  // J; kg
-    double push_ = 0;                                                                               // J, before
+    double start_ = 0, start_gravity_ = 0, least_gravity_ = 0, hand_ = 0, beyond_ = 0;  // J
+    std::string energy_text_;
 };
 
 }  // namespace trocar::fuzz

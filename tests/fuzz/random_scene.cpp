@@ -67,6 +67,11 @@ class Writer {
         scale_ = wild_ == 2 && dice_.chance(0.5) ? dice_.log_uniform(0.02, 20) : dice_.uniform(0.5, 1.5);
         jumble_ = dice_.chance(0.1);
         start_block();
+        line(std::string("# ") +
+             (wild_ == 0   ? "usual materials"
+              : wild_ == 1 ? "a wild material"
+                           : "wild materials") +
+             (jumble_ ? ", starts overlapping" : ""));
         write_top();
         if (dice_.chance(0.8)) write_floor();
         const size_t bodies = 1 + dice_.below(4);

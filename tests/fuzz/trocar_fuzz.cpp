@@ -11,6 +11,7 @@
 #include <cstring>
 #include <exception>
 #include <filesystem>
+#include <fstream>
 #include <new>
 #include <sstream>
 
@@ -23,13 +24,13 @@
 #include "fuzz/judge.hpp"
 #include "fuzz/random_scene.hpp"
 
-// trocar_fuzz [--count N] [--first SEED] [--minutes M] [--seconds S] [--out DIR] [--seeds FILE]
+// trocar_fuzz [--count N] [--first SEED] [--minutes M] [--seconds S] [--out DIR] [--seeds FILE] [--list FILE]
 // trocar_fuzz --keep SEED | --shrink SEED | --scene FILE
 // Runs N random scenes (1000) from a seed (0) on, as many as M minutes allow, or those of a file, for a second of simulated
 // time each, S seconds of processor time (10) at most, and prints what is wrong with each. What the run itself warns of is
 // "named"; what is not is a finding, whose scene is kept in DIR (.). Exit code 1 if there was one; with a file of seeds,
-// which must be free of trouble, for what is named, too. --keep prints a scene, --shrink the smallest with the same fault; --scene judges
-// one from a file.
+// which must be free of trouble, for what is named, too. --list adds to a file the seeds of scenes without any trouble. --keep prints a
+// scene, --shrink the smallest with the same fault; --scene judges one from a file.
 namespace {
 
 using namespace trocar;
@@ -38,7 +39,7 @@ using namespace trocar::fuzz;
 struct Options {
     uint64_t count = 1000, first = 0;
     double minutes = 0, seconds = 10;
-    std::string out = ".", seeds, scene;
+    std::string out = ".", seeds, list, scene;
     int64_t keep = -1, shrink = -1;
 };
 
@@ -109,7 +110,8 @@ void limit_time(double seconds) {
 void report(uint64_t seed, const Trouble& trouble, const std::string& out, bool strict, Shared& shared) {
     const auto kind = static_cast<size_t>(trouble.kind);
     ++(trouble.named ? shared.named : shared.silent)[kind];
-    std::printf("seed %llu: %s%s: %s\n", static_cast<unsigned long long>(seed), std::string(kKindNames[kind]).c_str(),
+    const std::string character = random_scene(seed).block[0][0].substr(1);
+    std::printf("seed %llu:%s: %s%s: %s\n", static_cast<unsigned long long>(seed), character.c_str(), std::string(kKindNames[kind]).c_str(),
                 trouble.named ? " (named)" : "", trouble.reason.c_str());
     std::fflush(stdout);
     if (trouble.named && !strict) return;
@@ -127,6 +129,8 @@ void report(uint64_t seed, const Trouble& trouble, const std::string& out, bool 
         limit_time(0);
         shared.refused += verdict.refused;
         shared.troubled += !verdict.trouble.empty();
+        if (!options.list.empty() && !verdict.refused && verdict.trouble.empty())
+            std::ofstream(options.list, std::ios::app) << seed << "\n";
         for (const Trouble& trouble : verdict.trouble) report(seed, trouble, options.out, !options.seeds.empty(), shared);
     }
     std::fflush(nullptr);
@@ -244,6 +248,8 @@ Options read_options(int argc, char** argv) {
             options.out = argv[++k];
         } else if (is("--seeds")) {
             options.seeds = argv[++k];
+        } else if (is("--list")) {
+            options.list = argv[++k];
         } else if (is("--scene")) {
             options.scene = argv[++k];
         } else if (is("--keep")) {

@@ -250,7 +250,7 @@ bool run_live(const RunParts& run, LiveRecording* recording) {
         const double time = static_cast<double>(world.clock.tick) * 1e-3;
         const int64_t pass_start = monotonic_ns();
         frame.step();
-        watch.after_pass(frame);
+        if (watch) watch->after_pass(frame);
         PassFigures pass = pass_figures(frame, time);
         if (frame.times().picture && drawing) drawing->publish(world.picture), ++published;
         pass.frame_ms = static_cast<double>(monotonic_ns() - pass_start) * 1e-6;

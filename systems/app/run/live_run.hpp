@@ -29,7 +29,7 @@ struct RunParts {
     PictureWriter* pictures;  // may be null
     FrameRecorder* recorder;  // of captures; may be null
     RunFigures& figures;
-    RunWatch& watch;
+    RunWatch* watch = nullptr;  // may be null
 };
 
 // Runs a frame against the real clock: this thread simulates, haptics tick at 1 kHz on their own thread, and a

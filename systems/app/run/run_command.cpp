@@ -150,8 +150,8 @@ void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
         frame.step();
         const double frame_ms = static_cast<double>(now_ns() - pass_start) * 1e-6;
         figures.world_bytes += resident_bytes() - bytes;
-        watch.after_pass(frame);
-        print_warnings(watch.take_warnings());
+        watch->after_pass(frame);
+        print_warnings(watch->take_warnings());
         PassFigures pass = pass_figures(frame, time);
         pass.frame_ms = frame_ms;
         costs.add(frame, figures);
@@ -497,7 +497,7 @@ int run_command(const RunOptions& options) {
                              static_cast<uint64_t>(std::min(seconds, 1e6) * frame.world().clock.contact_rate));
         RunWatch watch(frame.world());
         print_warnings(watch.take_warnings());
-        const RunParts run{options, seconds, frame, pictures ? &*pictures : nullptr, recorder ? &*recorder : nullptr, figures, watch};
+        const RunParts run{options, seconds, frame, pictures ? &*pictures : nullptr, recorder ? &*recorder : nullptr, figures, &watch};
         if (options.live)
             run_recorded(run);
         else

@@ -8,15 +8,14 @@
 namespace trocar {
 
 // Energy of a scene against what entered it: what it had at the start, what hands, scripts and new links brought, and
-// the height lost. While bodies that started inside each other still are, what parts them enters, too; and what comes
-// back into a pool of bodies.
+// the height lost. While bodies that started inside each other still are, the work of parting them enters, too; so does
+// what comes back into a pool of bodies.
 struct EnergyBudget {
     bool known = false;
     double start = 0, start_gravity = 0, least_gravity = 0;  // J
-    double mass = 0;                                         // kg, of all that forces move
+    double noise = 0;                                        // J, that rounding makes
     double hand = 0, links = 0;                              // J, the most so far
     double parting = 0;                                      // J
-    Energy last;
     double entered() const { return start + hand + links + parting + (start_gravity - least_gravity); }
 };
 
@@ -33,12 +32,14 @@ class RunWatch {
     std::vector<std::string> take_warnings();
     // Why the run has no value; empty = it has.
     const std::string& ruin() const { return ruin_; }
+    const EnergyBudget& budget() const { return budget_; }
     // Whether it warned of short steps.
     bool is_slow() const { return short_; }
 
  private:
     void look_at_start(World& world);
     void look_at_energy(Frame& frame);
+    void warn_of_energy(World& world);
     void look_at_tetrahedra(const World& world);
     void look_at_steps(const World& world);
     void follow_overlaps(const World& world);
@@ -47,9 +48,13 @@ class RunWatch {
     std::string ruin_;
     EnergyBudget budget_;
     std::map<std::array<uint32_t, 2>, uint64_t> overlapping_;  // pairs, and the tick since when
-    std::vector<uint8_t> inverted_;                            // per body: warned of
+    std::vector<std::array<uint32_t, 2>> parting_;             // pairs that started inside each other and still are
+    double push_ = 0, numeric_ = 0;                            // J, works after the last pass and picture
+    double worst_unearned_ = 0;                                // J
+    std::string worst_text_;
+    std::vector<uint8_t> inverted_;  // per body: warned of
     uint64_t inverted_before_ = 0;
-    bool parting_ = false, short_ = false, unearned_ = false;
+    bool short_ = false, unearned_ = false;
 };
 
 }  // namespace trocar
