@@ -8,6 +8,7 @@
 #include "content/mend/self_crossing.hpp"
 #include "engine/base/disjoint_sets.hpp"
 #include "engine/geometry/edge_table.hpp"
+#include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/predicates.hpp"
 namespace trocar {
 namespace {
@@ -30,8 +31,8 @@ void measure(const Mesh& mesh, MeshJudgement& out) {
     Vec3d vector_area = Vec3d::Zero();
     for (const Triangle& t : mesh.triangle) {
         const Vec3d a = mesh.position[t[0]] - middle, b = mesh.position[t[1]] - middle, c = mesh.position[t[2]] - middle;
-        const Vec3d normal = (b - a).cross(c - a);
-        out.volume += a.dot(b.cross(c)) / 6;
+        const Vec3d normal = triangle_normal(a, b, c);
+        out.volume += a.dot(normal) / 6;
         out.area += 0.5 * normal.norm();
         vector_area += 0.5 * normal;
     }
@@ -140,7 +141,9 @@ void admit(MeshJudgement& j, bool balanced) {
 
 std::string find_bad_element(const Mesh& mesh) {
     for (size_t v = 0; v < mesh.position.size(); ++v) {
+        const double largest = mesh.position[v].cwiseAbs().maxCoeff();
         if (!mesh.position[v].allFinite()) return "vertex " + std::to_string(v) + ": coordinate is not finite";
+        if (largest > kFarthestCoordinate) return "vertex " + std::to_string(v) + ": coordinate beyond 1e30";
     }
     const size_t faces = mesh.triangle.size();
     for (size_t t = 0; t < faces; ++t) {

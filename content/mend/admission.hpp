@@ -38,8 +38,11 @@ struct MeshJudgement {
 // else with an area. refused: no face with an area, or an invalid element.
 MeshJudgement judge_mesh(const Mesh& mesh, bool test_self_crossing = true);
 
-// Names the first invalid element, counted from 0: a non-finite coordinate, an index out of range, or uv or
-// triangle_material that are neither empty nor one per face. Empty if there is none.
+// Contact finds candidates in float, whose squares end above.
+inline constexpr double kFarthestCoordinate = 1e30;
+
+// Names the first invalid element, counted from 0: a coordinate that is not finite or beyond that, an index out of
+// range, or uv or triangle_material that are neither empty nor one per face. Empty if there is none.
 std::string find_bad_element(const Mesh& mesh);
 
 // "solid", "winding", "sheet" or "refused".

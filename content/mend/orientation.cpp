@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "engine/base/disjoint_sets.hpp"
+#include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/winding_number.hpp"
 namespace trocar {
 namespace {
@@ -84,8 +85,9 @@ std::vector<Piece> gather_pieces(const Mesh& mesh, const EdgeTable& table) {
         for (const uint32_t t : piece.face) {
             const Vec3d a = mesh.position[mesh.triangle[t][0]] - middle, b = mesh.position[mesh.triangle[t][1]] - middle,
                         c = mesh.position[mesh.triangle[t][2]] - middle;
-            piece.volume += a.dot(b.cross(c)) / 6;
-            area += 0.5 * (b - a).cross(c - a).norm();
+            const Vec3d normal = triangle_normal(a, b, c);  // b x c would lose the volume of a needle
+            piece.volume += a.dot(normal) / 6;
+            area += 0.5 * normal.norm();
         }
         // below the rounding of the sum the sign of the volume is meaningless
         piece.flat = std::abs(piece.volume) <= 1e-13 * area * (piece.box.max - piece.box.min).norm();

@@ -10,6 +10,7 @@ struct SelfCrossings {
                                                         // duplicates
     uint32_t touching = 0;                              // touching pairs: a corner on a face, edges
     std::array<uint32_t, 2> lowest_pair{kNone, kNone};  // of the pairs seen, the first by face index
+    uint64_t tested = 0;                                // pairs of faces tested exactly
 };
 
 // Counting stops here: a thousand copies of a thousand faces at one position have 5e11 such pairs.

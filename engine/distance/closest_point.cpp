@@ -91,6 +91,7 @@ void ClosestPointTree::Impl::build(const MeshView& view, const Impl* like) {
     TROCAR_ASSERT(mesh.incident_first.size() == mesh.position.size() + 1);
     TROCAR_ASSERT(!deformable || offset.size() == mesh.position.size());
     choose_frame();
+    closed = like ? like->closed : is_closed();
     if (like) {
         TROCAR_ASSERT(like->mesh.triangle.data() == mesh.triangle.data() && like->mesh.triangle.size() == mesh.triangle.size());
         pool = like->pool;
@@ -353,10 +354,7 @@ bool ClosestPointTree::decide_side(const Vec3d& point, SurfacePoint& answer) con
     return true;
 }
 
-void ClosestPointTree::cross_check(bool on) {
-    impl_->cross_checked = on;
-    impl_->update_clusters();
-}
+void ClosestPointTree::cross_check(bool on) { impl_->cross_checked = on; }
 
 Vec3d ClosestPointTree::vertex(uint32_t v) const { return impl_->position(v); }
 

@@ -33,7 +33,8 @@ void add_to_report(const QueryCounters& counters, Report& report);
 // candidates in float in a recentred frame, every triangle within a proven error bound of the best is evaluated again
 // in double, and the least (squared distance, triangle id) wins. Sign: angle-weighted pseudonormal of the winning
 // feature (Baerentzen & Aanaes, TVCG 11(3), 2005) for solids, generalised winding number (Jacobson et al. 2013) for
-// kWinding meshes, none for sheets. Answers do not depend on hints, on earlier refits, or on the instruction set.
+// kWinding meshes and wherever rounding could hide the side, none for sheets. Answers do not depend on hints, on earlier
+// refits, or on the instruction set.
 class ClosestPointTree {
  public:
     // Rigid or imported surface: doubles in the body frame. The view must outlive the tree. `like`: a tree of
@@ -72,8 +73,8 @@ class ClosestPointTree {
 
     // Generalised winding number of the present surface, direct sum in double: 1 inside a closed outward one.
     double winding_number(const Vec3d& point) const;
-    // winding_number(point) > 0.5. In kWinding and cross-checked trees, clusters replace far triangles where
-    // a proven bound shows no change of the result (winding_tree.hpp); other solids count ray crossings.
+    // winding_number(point) > 0.5. Closed surfaces count ray crossings, exactly; a point on one is not inside. In
+    // open ones clusters replace far triangles where a proven bound shows no change of the result (winding_tree.hpp).
     bool winds_around(const Vec3d& point) const;
     // Sets an answer's side by the winding number at `point`: pseudonormals fail where a deformed surface has
     // folded over itself. True if the side changed.

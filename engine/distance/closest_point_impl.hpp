@@ -95,7 +95,8 @@ struct ClosestPointTree::Impl {
     FloatBox box;                 // of all
     BoxTree tree;                 // over boxes
     bool cross_checked = false;
-    WindingTree clusters;  // empty unless signs need it
+    bool closed = false;   // rays count the winding number
+    WindingTree clusters;  // of open surfaces with an inside
     TreeSearch walk = TreeSearch::kOwn;
     RTCScene scene = nullptr;  // only where Embree walks
     RTCGeometry geometry = nullptr;
@@ -135,6 +136,7 @@ struct ClosestPointTree::Impl {
         return closest_point_on_triangle(p, position(v[0]), position(v[1]), position(v[2]));
     }
     Vec3d normal_of(const Triangle& t) const { return triangle_normal(position(t[0]), position(t[1]), position(t[2])); }
+    bool is_closed() const;
     void update_clusters();
     bool winds_around(const Vec3d& p) const;
     bool count_windings_ahead(const Vec3d& p, int& windings) const;

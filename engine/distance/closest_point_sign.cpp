@@ -4,10 +4,23 @@
 #include <numbers>
 
 #include "engine/distance/closest_point_impl.hpp"
+#include "engine/geometry/edge_table.hpp"
 namespace trocar {
 
+// Whether every edge is used equally often in both directions: then rays count the winding number exactly.
+bool ClosestPointTree::Impl::is_closed() const {
+    if (admission != Admission::kWinding) return admission == Admission::kSolid;
+    const EdgeTable table = make_edge_table(mesh.triangle, static_cast<uint32_t>(mesh.position.size()));
+    for (uint32_t e = 0; e < table.edge.size(); ++e) {
+        int balance = 0;
+        for (const uint32_t h : table.users(e)) balance += half_edge_start(mesh.triangle, h) == table.edge[e][0] ? 1 : -1;
+        if (balance != 0) return false;
+    }
+    return true;
+}
+
 void ClosestPointTree::Impl::update_clusters() {
-    if (admission != Admission::kWinding && !cross_checked) return;
+    if (admission != Admission::kWinding || closed) return;
     clusters.box.resize(boxes.size());
     for (uint32_t m = 0; m < boxes.size(); ++m) {
         std::array<std::array<Vec3d, 3>, 16> corner;
@@ -20,7 +33,9 @@ void ClosestPointTree::Impl::update_clusters() {
 }
 
 bool ClosestPointTree::Impl::winds_around(const Vec3d& p) const {
-    constexpr double kRounding = 1e-6;  // of either sum, far above measured rounding
+    int windings;
+    if (closed) return count_windings_ahead(p, windings) && windings > 0;  // on the surface: not inside
+    constexpr double kRounding = 1e-6;                                     // of either sum, far above measured rounding
     const auto near = [&](uint32_t m) {
         double half_angles = 0;
         for (uint32_t j = 0; j < triangles_of(m); ++j) {
@@ -35,8 +50,6 @@ bool ClosestPointTree::Impl::winds_around(const Vec3d& p) const {
             if (std::abs(sum.value - 0.5) > sum.error + kRounding) return sum.value > 0.5;
         }
     }
-    int windings;
-    if (admission == Admission::kSolid && count_windings_ahead(p, windings)) return windings > 0;
     return winding(p) > 0.5;
 }
 
@@ -139,12 +152,15 @@ double ClosestPointTree::Impl::side_of(const Vec3d& p, const Winner& winner, dou
     const TrianglePoint& closest = winner.closest;
     const auto by_winding = [&] { return winds_around(p) ? -1.0 : 1.0; };
     const bool boxed_out = outside_box(p);
+    // Rounding may hide the side from points nearer than this, and where two faces of a sharp edge are equally near.
+    const bool at_border = closest.feature == Feature::kFace && closest.border < 1e-4;
+    const bool doubtful = closed && !boxed_out && (at_border || d * scale < 0x1p-30);
     if (closest.feature == Feature::kFace) {
         const double side = closest.height < 0 ? -1.0 : 1.0;
         // the offset is exactly a multiple of the normal, however short
         direction = d > 0 ? Vec3d(-closest.offset / d) : normal_of(lanes[winner.lane].vertex).normalized();
         if (boxed_out) return 1;
-        return admission == Admission::kWinding && d > 0 ? by_winding() : side;
+        return doubtful || (admission == Admission::kWinding && d > 0) ? by_winding() : side;
     }
     // below its rounding the offset has no meaningful direction
     double reach2 = 0;
@@ -154,7 +170,7 @@ double ClosestPointTree::Impl::side_of(const Vec3d& p, const Winner& winner, dou
     if (!on_surface) {
         direction = -closest.offset / d;
         if (boxed_out || admission == Admission::kSheet || admission == Admission::kRefused) return 1;
-        if (admission == Admission::kWinding) return by_winding();
+        if (doubtful || admission == Admission::kWinding) return by_winding();
         if (closest.feature < Feature::kEdge0)
             if (const double side = side_of_fan(winner, rounding); side != 0) return side;
     }
@@ -162,7 +178,7 @@ double ClosestPointTree::Impl::side_of(const Vec3d& p, const Winner& winner, dou
     double weight;
     const bool defined = pseudonormal(winner, sum, weight);
     const double dot = -closest.offset.dot(sum);
-    const double side = dot < 0 ? -1.0 : 1.0;
+    const double side = doubtful ? by_winding() : dot < 0 ? -1.0 : 1.0;
     if (on_surface) {
         direction = side * (sum.squaredNorm() > 0 ? sum.normalized() : Vec3d::UnitX().eval());
         return side;

@@ -1,6 +1,7 @@
 #include "engine/geometry/point_triangle.hpp"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 namespace trocar {
 namespace {
@@ -54,7 +55,8 @@ TrianglePoint closest_point_on_triangle(const Vec3d& p, const Vec3d& a, const Ve
     const Vec3d ra = a - p, rb = b - p, rc = c - p;
     const Vec3d n = triangle_normal(a, b, c);
     const double n2 = dot(n, n);
-    if (n2 > 0 && triple(n, ab, ra) < 0 && triple(n, bc, rb) < 0 && triple(n, ca, rc) < 0) {
+    double x, y, z;
+    if (n2 > 0 && (x = triple(n, ab, ra)) < 0 && (y = triple(n, bc, rb)) < 0 && (z = triple(n, ca, rc)) < 0) {
         // at a needle's tip rounding lets points far beyond it pass the planes: test the vertex regions too
         const bool beyond_a = dot(ra, ab) > 0 && dot(ra, ca) < 0;
         const bool beyond_b = dot(rb, bc) > 0 && dot(rb, ab) < 0;
@@ -62,7 +64,7 @@ TrianglePoint closest_point_on_triangle(const Vec3d& p, const Vec3d& a, const Ve
         if (!beyond_a && !beyond_b && !beyond_c) {
             const double h = dot(n, ra);
             const double k = h / n2;
-            return {k * n, h * k, -h / std::sqrt(n2), Feature::kFace};
+            return {k * n, h * k, -h / std::sqrt(n2), -std::max({x, y, z}) / n2, Feature::kFace};
         }
     }
     constexpr Feature kFeatures[3][3] = {{Feature::kVertex0, Feature::kVertex1, Feature::kEdge0},
@@ -72,7 +74,7 @@ TrianglePoint closest_point_on_triangle(const Vec3d& p, const Vec3d& a, const Ve
     int best = 0;
     for (int k = 1; k < 3; ++k)
         if (side[k].squared_distance < side[best].squared_distance) best = k;
-    return {side[best].offset, side[best].squared_distance, 0, kFeatures[best][side[best].end]};
+    return {side[best].offset, side[best].squared_distance, 0, 0, kFeatures[best][side[best].end]};
 }
 
 }  // namespace trocar

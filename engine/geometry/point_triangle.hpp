@@ -10,6 +10,7 @@ struct TrianglePoint {
     Vec3d offset = Vec3d::Zero();                                       // closest point - query point, m
     double squared_distance = std::numeric_limits<double>::infinity();  // m^2
     double height = 0;                                                  // m, > 0 on the side of the normal; faces only
+    double border = 0;                                                  // least barycentric coordinate; faces only
     Feature feature = Feature::kFace;
 };
 

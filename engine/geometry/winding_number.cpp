@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/predicates.hpp"
 #include "engine/geometry/triangle_triangle.hpp"
 namespace trocar {
@@ -21,14 +22,26 @@ double sum_solid_angles(std::span<const Position> position, std::span<const Tria
     return half_angles / (2.0 * std::numbers::pi);
 }
 
+double arc_between(const Vec3d& u, const Vec3d& v) { return std::atan2(triangle_normal(Vec3d::Zero(), u, v).norm(), u.dot(v)); }
+
 }  // namespace
 
 double half_solid_angle(const Vec3d& corner_a, const Vec3d& corner_b, const Vec3d& corner_c, const Vec3d& p) {
     const Vec3d a = corner_a - p, b = corner_b - p, c = corner_c - p;
     const double la = a.norm(), lb = b.norm(), lc = c.norm();
     // a . ((b - a) x (c - a)) = a . (b x c), with far less cancellation when p is far from the triangle
-    const double volume = a.dot((b - a).cross(c - a));
-    return std::atan2(volume, la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb);
+    const double volume = a.dot((b - a).cross(c - a)), size = la * lb * lc;
+    const double scalar = size + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
+    constexpr double kCancelled = 1e-3;  // of size: below, rounding shows in needles
+    if (scalar > kCancelled * size) return std::atan2(volume, scalar);
+    const int side = -orient3d(corner_a, corner_b, corner_c, p);
+    if (side == 0) return scalar > 0 ? 0 : std::numbers::pi;
+    if (scalar < -kCancelled * size) return side * std::atan2(std::abs(volume), scalar);
+    // l'Huilier's theorem from the sides of the spherical triangle
+    const double x = arc_between(b, c), y = arc_between(c, a), z = arc_between(a, b), s = 0.5 * (x + y + z);
+    const auto half_tangent = [](double angle) { return std::tan(0.5 * std::max(angle, 0.0)); };
+    const double sides = half_tangent(s - x) * half_tangent(s - y) * half_tangent(s - z);
+    return side * 2 * std::atan2(std::sqrt(sides), std::sqrt(half_tangent(std::numbers::pi - s)));
 }
 
 double winding_number(std::span<const Vec3d> position, std::span<const Triangle> triangle, const Vec3d& p) {

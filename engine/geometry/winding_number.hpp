@@ -4,7 +4,8 @@
 #include "components/mesh.hpp"
 namespace trocar {
 
-// Half the signed solid angle of triangle abc seen from p (van Oosterom & Strackee, IEEE TBME 30(2), 1983), in (-pi, pi].
+// Half the signed solid angle of triangle abc seen from p (van Oosterom & Strackee, IEEE TBME 30(2), 1983), in (-pi, pi];
+// accurate for needles, too.
 double half_solid_angle(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& p);
 
 // Generalised winding number of a triangle mesh about p (Jacobson, Kavan & Sorkine-Hornung, SIGGRAPH 2013):

@@ -313,6 +313,89 @@ TEST_F(CommandLine, QueryAnswersInFileUnits) {
     }
 }
 
+// A corner that triangles share is named by the lowest of them, with its own coordinates, wherever the mesh is turned.
+TEST_F(CommandLine, QueryNamesSharedCornersByTheLowestTriangle) {
+    for (int turn = 0; turn < 24; ++turn) {
+        const double c = std::cos(0.1 + turn), s = std::sin(0.1 + turn), h = 0.3 + 0.1 * turn;
+        std::ostringstream obj, points;
+        obj.precision(17), points.precision(17);
+        const auto place = [&](double x, double y, double z) {
+            std::ostringstream text;
+            text.precision(17);
+            text << c * x - s * z << " " << y << " " << s * x + c * z << "\n";
+            return text.str();
+        };
+        const int n = 7 + turn;  // a double cone
+        obj << "v " << place(0, 0, h) << "v " << place(0, 0, -h);
+        points << place(0, 0, h) << place(0, 0, 2 * h);
+        for (int i = 0; i < n; ++i) {
+            const double x = std::cos(2 * M_PI * i / n), y = std::sin(2 * M_PI * i / n);
+            obj << "v " << place(x, y, 0);
+            points << place(x, y, 0);
+        }
+        for (int i = 0; i < n; ++i) obj << "f 1 " << 3 + i << " " << 3 + (i + 1) % n << "\nf 2 " << 3 + (i + 1) % n << " " << 3 + i << "\n";
+        const Outcome outcome = run("query " + write("cone.obj", obj.str()).string() + " " + write("p.csv", points.str()).string());
+        std::istringstream lines(outcome.out), places(points.str());
+        std::string line, place_line;
+        std::getline(lines, line);
+        for (int row = 0; row < n + 2; ++row) {
+            ASSERT_TRUE(std::getline(lines, line));
+            const std::string tail = line.substr(line.rfind(',', line.rfind(',') - 1) + 1);
+            // ring corner i: triangles 2 i - 2, 2 i - 1, 2 i, 2 i + 1, of which those of corner 0 begin at 0
+            const int i = row - 2, lowest = i <= 0 ? 0 : 2 * i - 2;
+            EXPECT_EQ(tail, std::to_string(lowest) + (row < 2 ? ",vertex0" : i == 0 ? ",vertex1" : ",vertex2")) << turn << ": " << line;
+        }
+    }
+}
+
+// Touching is one answer for all kinds of features: an overlap of depth 0; a last bit apart is none.
+TEST_F(CommandLine, CollideCallsEveryTouchAnOverlap) {
+    const std::string box = write("box.obj", cube()).string();
+    const auto tetrahedron = [&](const std::string& name, const std::string& corners) {
+        return write(name + ".obj", corners + "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n").string();
+    };
+    const std::string on_face = tetrahedron("face", "v 1 .5 .25\nv 2 .25 .25\nv 2 1 .25\nv 2 .5 1\n");
+    const std::string on_edge = tetrahedron("edge", "v 1 1 .25\nv 2 1.25 .25\nv 2 2 .25\nv 2 1.5 1\n");
+    const std::string across = tetrahedron("across", "v 1.5 .5 .5\nv .5 1.5 .5\nv 2 2 .25\nv 2 2 1\n");
+    const std::string edge_in_face = tetrahedron("in", "v 1 .25 .25\nv 1 .75 .5\nv 2 .5 .25\nv 2 .5 1\n");
+    const auto collide = [&](const std::string& arguments) { return nlohmann::json::parse(run("collide --json " + arguments).out); };
+    for (const std::string& other : {on_face, on_edge, across, edge_in_face}) {
+        for (const std::string& pair : {box + " " + other, other + " " + box}) {
+            const nlohmann::json touch = collide(pair);
+            EXPECT_EQ(touch["overlap"], true) << pair;
+            EXPECT_EQ(touch["depth"], 0.0) << pair;
+        }
+        EXPECT_EQ(collide(box + " " + other + " --move-b \"1e-15 1e-15 0\"")["overlap"], false) << other;
+        EXPECT_EQ(collide(box + " " + other + " --move-b \"-1e-15 -1e-15 0\"")["overlap"], true) << other;
+    }
+    for (const char* move : {"1 0 0", "1 .25 .5", "1 1 0", "1 1 .5", "1 1 1"}) {
+        const std::string pair = box + " " + box + " --move-b \"" + move;
+        EXPECT_EQ(collide(pair + "\"")["overlap"], true) << move;
+        EXPECT_EQ(collide(pair + "\"")["depth"], 0.0) << move;
+        std::string apart = pair;
+        apart.replace(apart.rfind("\"1") + 1, 1, "1.0000000000000002");
+        EXPECT_EQ(collide(apart + "\"")["overlap"], false) << move;
+    }
+}
+
+// Coordinates beyond the range of float's squares are refused; below, sizes do not matter.
+TEST_F(CommandLine, HugeCoordinatesAreRefusedAndOthersAnswered) {
+    for (int power = -60; power <= 160; power += 10) {
+        const double size = std::pow(10, power);
+        const std::string box = write("box.obj", cube(size)).string(), e = "e" + std::to_string(power);
+        const Outcome outcome = run("collide --json " + box + " " + box + " --move-b \".75" + e + " 0 0\"");
+        const Outcome asked = run("query " + box + " " + write("p.csv", ".5" + e + " .5" + e + " .25" + e + "\n").string());
+        EXPECT_EQ(outcome.code, power <= 30 ? 0 : 2) << power << outcome.err;
+        EXPECT_EQ(asked.code, power <= 30 ? 0 : 2) << power << asked.err;
+        if (power > 30) continue;
+        const nlohmann::json answer = nlohmann::json::parse(outcome.out);
+        EXPECT_EQ(answer["overlap"], true) << power;
+        EXPECT_NEAR(answer["depth"].get<double>() / size, 0.25, 1e-9) << power;
+        EXPECT_NEAR(std::stod(asked.out.substr(asked.out.find('\n') + 1)) / size, -0.25, 1e-12) << power;
+    }
+    EXPECT_EQ(run("collide shape:box shape:box --move-b \"1e40 0 0\"").code, 2);
+}
+
 TEST_F(CommandLine, QueryRefusesABadRowWithItsLine) {
     const fs::path whole = write("whole.obj", cube()), points = write("p.csv", "x,y,z\n1,1,1\n1,nan,1\n");
     const Outcome outcome = run("query " + whole.string() + " " + points.string());

@@ -8,6 +8,7 @@
 #include "engine/base/error.hpp"
 #include "engine/distance/closest_point.hpp"
 #include "engine/files/whole_file.hpp"
+#include "engine/geometry/triangle_triangle.hpp"
 #include "engine/jobs/trace.hpp"
 #include "systems/app/commands/cells_file.hpp"
 #include "systems/app/console/commands.hpp"
@@ -47,13 +48,28 @@ nlohmann::ordered_json witness(const World& w, uint32_t contact) {
     return {{"point", row(w.contacts.point[contact])}, {"closest", row(w.contacts.closest[contact])}};
 }
 
+// Whether the bodies, closed sets, have a common point: exact for the corners where they are placed, whichever features
+// meet. A body inside the other is far deeper than rounding.
+bool share_a_point(const World& w) {
+    const auto corners = [&](uint32_t body, uint32_t triangle) {
+        const Triangle& t = mesh_view(w.meshes, w.bodies.mesh[body]).triangle[triangle];
+        return Corners{vertex_position(surfaces_of(w), body, t[0]), vertex_position(surfaces_of(w), body, t[1]),
+                       vertex_position(surfaces_of(w), body, t[2])};
+    };
+    const auto meet = [&](const std::array<uint32_t, 2>& t) {
+        return meet_triangles(corners(0, t[0]), corners(1, t[1])) != Meeting::kDisjoint;
+    };
+    const double size = std::max(w.meshes.info[w.bodies.mesh[0]].radius, w.meshes.info[w.bodies.mesh[1]].radius);
+    return (!w.penetrations.pair.empty() && w.penetrations.depth[0] > 1e-12 * size) || std::ranges::any_of(w.candidates.triangle, meet);
+}
+
 // The separation query with b displaced by `move`; restores the world.
 SeparationAnswer look_at(World& w, const Vec3d& move) {
     const Vec3d home = w.poses.origin[1];
     w.poses.origin[1] = home + move;
     detect_contacts(w);
     SeparationAnswer answer;
-    answer.free = w.penetrations.pair.empty() && w.contours.curve.empty();
+    answer.free = !share_a_point(w);
     if (!w.penetrations.pair.empty()) answer.depth = w.penetrations.depth[0];
     for (uint32_t i = 0; i < w.contacts.pair.size(); ++i) {
         const Vec3d& n = w.contacts.normal[i];
@@ -65,14 +81,13 @@ SeparationAnswer look_at(World& w, const Vec3d& move) {
 
 // Lower and upper bound on the shortest translation of b that separates it from a.
 nlohmann::ordered_json separation(World& w) {
-    std::array<std::vector<Vec3d>, 2> points;
+    const Surfaces surfaces = surfaces_of(w);
+    std::array<SeparatedBody, 2> bodies;
     for (uint32_t body = 0; body < 2; ++body) {
-        const MeshInfo& info = w.meshes.info[w.bodies.mesh[body]];
-        if (info.admission != Admission::kSolid && info.admission != Admission::kWinding)
-            throw InputError(w.bodies.name[body] + ": --separate needs closed surfaces");
-        for (uint32_t v = 0; v < info.vertices.count; ++v) points[body].push_back(vertex_position(surfaces_of(w), body, v));
+        if (!has_inside(surfaces, body)) throw InputError(w.bodies.name[body] + ": --separate needs closed surfaces");
+        bodies[body] = separated_body(surfaces, *w.trees[w.bodies.tree[body]], body);
     }
-    const Separation s = find_separation({}, points[0], points[1], [&](const Vec3d& move) { return look_at(w, move); });
+    const Separation s = find_separation({}, bodies, [&](const Vec3d& move) { return look_at(w, move); });
     w.report = {};  // count only the pair itself, not the search
     detect_contacts(w);
     return {{"lower", s.lower}, {"upper", s.upper}, {"translation", row(s.translation)}, {"probes", s.probes}};
@@ -123,6 +138,7 @@ void write_contours(const World& w, const std::filesystem::path& file) {
 int collide_command(const CollideOptions& options) {
     if (!options.contours.empty() && options.contours.extension() != ".obj")
         throw InputError(options.contours.string() + ": contours are written as .obj");
+    if (!(options.move_b.cwiseAbs().maxCoeff() <= kFarthestCoordinate)) throw InputError("--move-b: at most 1e30");
     World world;
     const uint32_t mesh_a = load_prototype(world, options.a, options.roots), mesh_b = load_prototype(world, options.b, options.roots);
     add_body(world, options.a, mesh_a, Motion::kStatic);
@@ -147,20 +163,20 @@ int collide_command(const CollideOptions& options) {
 
     const nlohmann::ordered_json apart = options.separate ? separation(world) : nlohmann::ordered_json(nullptr);
     const Penetrations& p = world.penetrations;
-    const bool overlap = !p.pair.empty();
+    const bool overlap = share_a_point(world), seen = overlap && !p.pair.empty();
     nlohmann::ordered_json j = {{"a", options.a}, {"b", options.b}, {"overlap", overlap}};
-    j["depth"] = overlap ? p.depth[0] : 0.0;
-    j["surface_depth"] = overlap ? p.surface_depth[0] : 0.0;  // search the faces too
-    j["direction"] = overlap ? row(p.direction[0]) : nlohmann::ordered_json(nullptr);
-    j["witness"] = witness(world, overlap ? p.witness[0] : kNone);
-    j["vertices_a_in_b"] = overlap ? p.vertices_a_in_b[0] : 0u;
-    j["vertices_b_in_a"] = overlap ? p.vertices_b_in_a[0] : 0u;
-    j["edge_contacts"] = overlap ? p.edge_contacts[0] : 0u;
-    j["face_contacts"] = overlap ? p.face_contacts[0] : 0u;
+    j["depth"] = seen ? p.depth[0] : 0.0;
+    j["surface_depth"] = seen ? p.surface_depth[0] : 0.0;  // search the faces too
+    j["direction"] = seen ? row(p.direction[0]) : nlohmann::ordered_json(nullptr);
+    j["witness"] = witness(world, seen ? p.witness[0] : kNone);
+    j["vertices_a_in_b"] = seen ? p.vertices_a_in_b[0] : 0u;
+    j["vertices_b_in_a"] = seen ? p.vertices_b_in_a[0] : 0u;
+    j["edge_contacts"] = seen ? p.edge_contacts[0] : 0u;
+    j["face_contacts"] = seen ? p.face_contacts[0] : 0u;
     j["cells"] = world.occupancy.cell_key.size();
     if (!options.cells.empty()) write_cells(world, options.cells);
     j["contained"] = contained(world);
-    j["saturated"] = overlap && p.saturated[0];
+    j["saturated"] = seen && p.saturated[0];
     j["regions"] = regions(world);
     if (options.separate) j["separation"] = apart;
     if (options.cross_check) j["disagreements"] = world.report.disagreements;
@@ -168,8 +184,8 @@ int collide_command(const CollideOptions& options) {
     if (!options.contours.empty()) write_contours(world, options.contours);
     if (options.json) {
         write_standard_output(j.dump() + "\n");
-    } else if (!overlap) {
-        write_standard_output("no overlap\n");
+    } else if (!seen) {
+        write_standard_output(overlap ? "overlap, depth 0: they touch\n" : "no overlap\n");
     } else {
         const Vec3d& d = p.direction[0];
         const Vec3d& w = world.contacts.point[p.witness[0]];

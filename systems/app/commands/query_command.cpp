@@ -98,6 +98,29 @@ std::vector<uint32_t> drop_repeated_corners(Mesh& mesh) {
     return number;
 }
 
+// Names a closest point that several triangles share by the lowest of them: at a corner, whose coordinates it then has,
+// also where rounding calls it the end of an edge or a place of a face.
+void name_by_lowest_triangle(const MeshView& mesh, SurfacePoint& answer) {
+    if (answer.triangle == kNone) return;
+    const Triangle& own = mesh.triangle[answer.triangle];
+    const auto index_in = [](const Triangle& t, uint32_t v) { return static_cast<int>(std::ranges::find(t, v) - t.begin()); };
+    for (int k = 0; k < 3; ++k) {
+        if (static_cast<int>(answer.feature) != k && answer.point != mesh.position[own[k]]) continue;
+        answer.point = mesh.position[own[k]];
+        answer.triangle = mesh.incident[mesh.incident_first[own[k]]];
+        answer.feature = static_cast<Feature>(index_in(mesh.triangle[answer.triangle], own[k]));
+        return;
+    }
+    if (answer.feature == Feature::kFace) return;
+    const int edge = static_cast<int>(answer.feature) - static_cast<int>(Feature::kEdge0);
+    const uint32_t other = mesh.neighbour[answer.triangle][edge];
+    if (other > answer.triangle) return;
+    answer.triangle = other;
+    for (int k = 0; k < 3; ++k)
+        if (std::ranges::find(own, mesh.triangle[other][k]) == own.end())
+            answer.feature = static_cast<Feature>(static_cast<int>(Feature::kEdge0) + (k + 1) % 3);
+}
+
 // Answers all points in spatial order, so that the data touched by one query is still cached for the next.
 // Returns the number of signs on which the cross-check disagrees.
 uint64_t ask(const ClosestPointTree& tree, const std::vector<Vec3d>& points, std::vector<SurfacePoint>& answers) {
@@ -150,8 +173,10 @@ int query_command(const QueryOptions& options) {
     else if (options.cross_check)
         std::fprintf(stderr, "trocar: %llu of %zu signs differ from the winding number\n", static_cast<unsigned long long>(disagreements),
                      points.size());
-    for (SurfacePoint& a : answers)
+    for (SurfacePoint& a : answers) {
+        name_by_lowest_triangle(mesh_view(meshes, prototype), a);
         if (a.triangle != kNone) a.triangle = file_triangle[a.triangle];
+    }
     const std::string out = options.json ? to_json(answers) : to_csv(answers);
     if (options.out.empty())
         write_standard_output(out);

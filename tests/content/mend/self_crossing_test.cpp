@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <random>
 
 #include "tests/reference/meet_by_differences.hpp"
@@ -101,6 +102,52 @@ TEST(SelfCrossing, G21_TwoBallsInOneMesh) {
         const SelfCrossings expected = count_by_brute_force(m);
         EXPECT_GT(expected.crossing, 20u);
         expect_same(count_self_crossings(m), expected, "balls", seed);
+    }
+}
+
+// Two cones of slivers on one ring, whose corners alternate between two radii and jump up and down.
+Mesh make_fan(uint32_t n, double inner, double outer, double height, double rough, uint64_t seed) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> jitter(-rough * outer, rough * outer);
+    Mesh m;
+    m.position = {{0, 0, height}, {0, 0, -height}};
+    for (uint32_t i = 0; i < n; ++i) {
+        const double angle = 2 * M_PI * i / n, r = i % 2 ? outer : inner;
+        m.position.push_back({r * std::cos(angle), r * std::sin(angle), jitter(random)});
+        const uint32_t a = 2 + i, b = 2 + (i + 1) % n;
+        m.triangle.push_back({0, a, b});
+        m.triangle.push_back({1, b, a});
+    }
+    return m;
+}
+
+// Many faces at one corner, some corners of the ring thrown across it. Breaks when pairs are lost where directions from
+// the corner or oriented boxes are searched.
+TEST(SelfCrossing, A10_FansAgreeWithBruteForce) {
+    Mesh m = make_fan(500, 20000, 100000, 70000, 0.05, 1);
+    std::mt19937_64 random(2);
+    for (int i = 0; i < 5; ++i) m.position[2 + random() % 500].head<2>() *= -0.7;
+    for (Vec3d& p : m.position) p = p.array().round();
+    shuffle(m, 3);
+    const SelfCrossings expected = count_by_brute_force(m), found = count_self_crossings(m);
+    EXPECT_GT(expected.crossing, 20u);
+    expect_same(found, expected, "fan", 1);
+    EXPECT_LT(found.tested, 120 * m.triangle.size());
+}
+
+// Rough fans and flat ones, at an angle: 5 to 110 pairs per face, however many faces there are.
+TEST(SelfCrossing, A10_FansTakeLinearTime) {
+    for (const uint32_t n : {1000u, 4000u, 16000u}) {
+        for (int kind = 0; kind < 12; ++kind) {
+            const double inner = kind % 3 == 0 ? 1 : 0.1 * kind;
+            Mesh m = kind < 8 ? make_fan(n, inner, 1, 0.25 * (1 + kind), 0.05, uint64_t(kind))
+                              : make_fan(n, inner, 1, std::pow(10, 4 - kind), 0, uint64_t(kind));
+            const Eigen::Quaterniond turn = Eigen::Quaterniond(0.3, 0.5, -0.4, 0.7).normalized();
+            for (Vec3d& p : m.position) p = turn * p;
+            const SelfCrossings found = count_self_crossings(m);
+            EXPECT_LT(double(found.tested), 120.0 * double(m.triangle.size())) << n << " " << kind;
+            EXPECT_EQ(found.crossing + found.touching, 0u) << n << " " << kind;
+        }
     }
 }
 
