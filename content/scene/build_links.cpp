@@ -1,11 +1,9 @@
 #include "content/scene/build_links.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 #include "content/scene/find_body.hpp"
 #include "content/scene/tissue_regions.hpp"
-#include "engine/base/error.hpp"
 #include "engine/mesh/region.hpp"
 #include "engine/mesh/surfaces.hpp"
 #include "engine/tissue/bending_forces.hpp"

@@ -5,7 +5,6 @@
 #include <numbers>
 
 #include "content/scene/find_body.hpp"
-#include "engine/base/error.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/mesh/mass_properties.hpp"
 #include "engine/mesh/surfaces.hpp"

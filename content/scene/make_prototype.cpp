@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
-#include <utility>
 
 #include "engine/base/check.hpp"
 #include "engine/geometry/edge_table.hpp"

@@ -1,7 +1,6 @@
 #include "content/scene/sweep_file.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <sstream>
 
 #include "content/scene/toml_section.hpp"
