@@ -19,6 +19,7 @@ struct alignas(16) FourFloats {
     std::array<float, 4> lane;
 };
 inline Vec4d wide(const FourFloats& a) { return (Vec4d)_mm256_cvtps_pd(_mm_load_ps(a.lane.data())); }
+inline void narrow(Vec4d a, FourFloats& to) { _mm_store_ps(to.lane.data(), _mm256_cvtpd_ps((__m256d)a)); }
 
 inline Vec4d all_lanes(double x) { return Vec4d{x, x, x, x}; }
 inline uint32_t mask_bits(Mask4 mask) { return uint32_t(_mm256_movemask_pd((__m256d)mask)); }

@@ -317,6 +317,27 @@ TEST(Rest, SoftBlockSlidesOnASlopeAsCoulombSays) {
     }
 }
 
+// The same for a solid, whose nodes flutter under friction that follows the instantaneous load: they then slip
+// backwards for a part of the time and the solid slides up to twice too fast.
+TEST(Rest, SolidBlockSlidesOnASlopeAsCoulombSays) {
+    const double tangent = std::tan(20 * std::numbers::pi / 180), angle = std::atan(tangent);
+    const double friction = 0.95 * tangent, exact = kGravity * (std::sin(angle) - friction * std::cos(angle));
+    for (const double cells : {6.0, 10.0}) {
+        SceneFile scene = slope(tangent, friction);
+        scene.settings.contact.iterations = 2;
+        scene.bodies[1].solid = true;
+        scene.bodies[1].cells = cells;
+        scene.bodies[1].tissue.damping = 60;
+        double t0 = 0, v0 = 0, t1 = 0, v1 = 0;
+        run(scene, 0.7, [&](const Frame& f) {
+            const Cloud c = cloud_of(f.world(), 1);
+            if (t0 == 0 && seconds_of(f) >= 0.2) t0 = seconds_of(f), v0 = c.drift.x();
+            t1 = seconds_of(f), v1 = c.drift.x();
+        });
+        EXPECT_NEAR((v1 - v0) / (t1 - t0) / exact, 1, 0.02) << cells << " cells";
+    }
+}
+
 // A soft ball at rest has its most loaded vertex lifted without velocity. Returns the depth it then reaches
 // below the supporting plane, m.
 double depth_of_lifted(double lift) {

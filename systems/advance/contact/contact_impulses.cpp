@@ -352,6 +352,7 @@ bool activate(const AdvanceCall& call, const ContactConstraints& constraints, co
     c.normal_impulse = dot(c.held, c.normal);
     if (c.normal_impulse > 0) {
         c.friction_impulse = c.held - c.normal_impulse * c.normal;
+        c.load = (1 - c.load_share) * c.normal_impulse;
         c.friction = std::max(c.friction, std::sqrt(norm2(c.friction_impulse)) / c.normal_impulse);
     }
     note_constraint(c, island.nodes);
@@ -405,7 +406,7 @@ void solve_nodes(ContactNodeSet& nodes, PreparedConstraint& c) {
     c.normal_impulse = normal_impulse;
     if (c.friction > 0) {
         const Vec4d sliding = velocity - approach * c.normal;
-        const Vec4d friction = limit_friction(c.friction_impulse - sliding * c.effective_mass, c.friction * normal_impulse);
+        const Vec4d friction = limit_friction(c.friction_impulse - sliding * c.effective_mass, most_friction(c, normal_impulse));
         impulse += friction - c.friction_impulse;
         c.friction_impulse = friction;
     }
@@ -536,6 +537,10 @@ void add_impulses(const AdvanceCall& call, const AdvanceIsland& island, const Co
         PreparedConstraint& c = solver.prepared[i];
         const Vec4d impulse = c.normal_impulse * c.normal + c.friction_impulse;
         c.impulse += impulse;
+        const double load = c.averaged ? c.load + c.load_share * c.normal_impulse : c.normal_impulse;
+        c.load_share = next_load_share(c.load_share, solver.load_share);
+        c.averaged = c.load_share == solver.load_share;
+        c.load = (1 - c.load_share) * load;
         if (!solver.bounces) c.warm = impulse;
         add_tool_impulse(call, island, c, 0, impulse, tools);
         add_tool_impulse(call, island, c, 1, -impulse, tools);
@@ -672,6 +677,11 @@ void prepare_constraint(const AdvanceCall& call, const ContactSolver& solver, ui
             c.point_b += c.weight_b[i] * rest_position(meshes, bodies.mesh[b], constraints.triangle[constraint][i]);
         }
     }
+    const Vec4d normal = c.rigid_b == kNone ? c.plane : island.rigid[c.rigid_b].pose[0].turn(c.plane);
+    const double load = std::max(0.0, dot(c.warm, normal));
+    c.load_share = load > 0 ? solver.load_share : 1;
+    c.averaged = c.load_share == solver.load_share;
+    c.load = (1 - c.load_share) * load;
     if (c.rigid_a != kNone && c.rigid_b != kNone) {
         c.restitution = std::max(bodies.tissue[a].restitution, bodies.tissue[b].restitution);
     }
@@ -695,6 +705,7 @@ void prepare_contacts(const AdvanceCall& call, std::span<const uint32_t> island_
         for (uint32_t k = i; k < count; k += part) sorting.order.push_back(island_constraints[k]);
     number_nodes(call, sorting, island_constraints, island, state);
     solver.starts_warm = may_start_warm(call, island);
+    solver.load_share = solver.starts_warm ? -std::expm1(-call.dt / kFrictionLag) : 1;
     colour_constraints(call, island, state.constraints, sorting, solver);
     prepare_wide_constraints(call, sorting, solver, island, state);
     for (uint32_t g = 0; g < solver.colour[4]; ++g) make_room(solver.group[g].active, solver.group[g].prepared.count);

@@ -171,7 +171,7 @@ void clear_wide(uint32_t massless_node, WideConstraint& wide_constraint) {
     wide_constraint.weight.fill({});
     wide_constraint.normal = wide_constraint.impulse = wide_constraint.friction_impulse = FourPoints{};
     wide_constraint.offset = wide_constraint.normal_impulse = Vec4d{};
-    wide_constraint.along = wide_constraint.friction = {};
+    wide_constraint.along = wide_constraint.friction = wide_constraint.load = wide_constraint.load_share = {};
     wide_constraint.constraint.fill(kNone);
     wide_constraint.open = 0;
     wide_constraint.edges = false;
@@ -218,6 +218,9 @@ void put_constraint(const AdvanceCall& call, const AdvanceIsland& island, const 
     if (!std::isinf(constraints.distance[constraint])) wide_constraint.open |= uint8_t(1u << lane);
     const Vec4d start = warm_start_impulse(call, constraints, constraint), normal = lane_of(wide_constraint.normal, lane);
     wide_constraint.normal_impulse[lane] = std::max(0.0, dot(start, normal));
+    const double share = wide_constraint.normal_impulse[lane] > 0 ? solver.load_share : 1;
+    wide_constraint.load_share.lane[lane] = static_cast<float>(share);
+    wide_constraint.load.lane[lane] = static_cast<float>((1 - share) * wide_constraint.normal_impulse[lane]);
     if (wide_constraint.normal_impulse[lane] > 0) set_lane(wide_constraint.friction_impulse, lane, start - dot(start, normal) * normal);
 }
 
@@ -438,7 +441,7 @@ void add_to_part(const WideConstraint& wide_constraint, uint32_t part, const Fou
 
 // As solve_constraint, for four constraints.
 template <bool kEdges, uint32_t kMoving>
-void solve_wide_constraint(ContactNodeSet& nodes, WideConstraint& wide_constraint) {
+void solve_wide_constraint(double least_load_share, ContactNodeSet& nodes, WideConstraint& wide_constraint) {
     const Mask4 active = mask_lanes(wide_constraint.active);
     Vec4d lever[kMoving];
     FourPoints part[kMoving];
@@ -453,7 +456,10 @@ void solve_wide_constraint(ContactNodeSet& nodes, WideConstraint& wide_constrain
     const Vec4d normal_impulse =
         greatest(wide_constraint.normal_impulse - (approach - wide_constraint.target_velocity) * wide_constraint.effective_mass, Vec4d{});
     if (!any((normal_impulse > 0) | (wide_constraint.normal_impulse > 0))) return;  // then there is no friction either
-    const Vec4d most = wide(wide_constraint.friction) * normal_impulse;
+    // as most_friction
+    const Vec4d share = wide(wide_constraint.load_share), average = wide(wide_constraint.load) + share * normal_impulse;
+    const Mask4 averaged = share <= static_cast<float>(least_load_share);
+    const Vec4d most = keep(normal_impulse > 0, wide(wide_constraint.friction) * (averaged ? average : normal_impulse));
     FourPoints friction =
         wide_constraint.friction_impulse - wide_constraint.effective_mass * (velocity - approach * wide_constraint.normal);
     const Vec4d size2 = norm2(friction);
@@ -672,11 +678,11 @@ void warm_start_wide_constraints(const ConstraintGroup& group, ContactSolver& so
 void solve_wide_constraints(const ConstraintGroup& group, ContactSolver& solver, ContactNodeSet& nodes) {
     for_active_wide(group, kSweepPart, solver, [&](WideConstraint& wide_constraint) {
         if (wide_constraint.fixed == kNone) {
-            wide_constraint.edges ? solve_wide_constraint<true, kParts>(nodes, wide_constraint)
-                                  : solve_wide_constraint<false, kParts>(nodes, wide_constraint);
+            wide_constraint.edges ? solve_wide_constraint<true, kParts>(solver.load_share, nodes, wide_constraint)
+                                  : solve_wide_constraint<false, kParts>(solver.load_share, nodes, wide_constraint);
         } else {
-            wide_constraint.edges ? solve_wide_constraint<true, 2>(nodes, wide_constraint)
-                                  : solve_wide_constraint<false, 2>(nodes, wide_constraint);
+            wide_constraint.edges ? solve_wide_constraint<true, 2>(solver.load_share, nodes, wide_constraint)
+                                  : solve_wide_constraint<false, 2>(solver.load_share, nodes, wide_constraint);
         }
     });
 }
@@ -685,6 +691,13 @@ void add_wide_impulses(const ConstraintGroup& group, ContactSolver& solver) {
     for_active_wide(group, kSumPart, solver, [&](WideConstraint& wide_constraint) {
         wide_constraint.impulse =
             wide_constraint.impulse + (wide_constraint.normal_impulse * wide_constraint.normal + wide_constraint.friction_impulse);
+        const Mask4 active = mask_lanes(wide_constraint.active);
+        const Vec4d before = wide(wide_constraint.load), share = wide(wide_constraint.load_share);
+        const Vec4d next = greatest(all_lanes(solver.load_share), share / (1 + share));  // as next_load_share
+        const Mask4 averaged = share <= static_cast<float>(solver.load_share);
+        const Vec4d load = averaged ? before + share * wide_constraint.normal_impulse : wide_constraint.normal_impulse;
+        narrow(active ? (1 - next) * load : before, wide_constraint.load);
+        narrow(active ? next : share, wide_constraint.load_share);
     });
 }
 

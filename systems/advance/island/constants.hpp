@@ -23,6 +23,11 @@ inline constexpr double kRestingGap = 5e-6;
 // m/s, slower approach does not bounce, whatever the restitution, so that bodies come to rest: 5 ms of free
 // fall.
 inline constexpr double kLeastBounce = 0.05;
+// s, over which the normal load that limits the friction of a soft contact is averaged, if the contact is that old: of the order of the
+// period of the modes that flutter. Measured on solid crates of 5e4 Pa that slide at 0.95 of the friction that
+// holds them, 6, 12 and 20 cells, damping 20 and 60 1/s: acceleration within 0.2 to 1.8 % of Coulomb's; without it
+// +9 to +137 %.
+inline constexpr double kFrictionLag = 3e-3;
 
 // ---- sweeps ----
 

@@ -25,7 +25,8 @@ namespace trocar {
 // In a call each detected constraint is either prepared or a lane of a wide one. Both solve the same
 // equations: the normal impulse n >= 0 brings the velocity of the point relative to the plane along the
 // normal to at least `target_velocity`; Coulomb friction f with |f| <= friction * n reduces the tangential
-// velocity to zero. They differ in where friction is computed, and hence in the last bits:
+// velocity to zero (without free bodies, with n averaged: most_friction). They differ in where friction is
+// computed, and hence in the last bits:
 //   solve_nodes (contact_impulses.cpp) and solve_wide_constraint (wide_constraints.cpp) read the relative
 //     velocity once and apply both impulses together: one pass over the nodes;
 //   solve_angular_constraint (free_bodies.cpp), for sides on free rigid bodies, applies the normal impulse and
@@ -46,6 +47,9 @@ struct alignas(64) PreparedConstraint {
     double target_velocity = 0;  // m/s, along the normal
     double effective_mass = 0;   // kg, 1 / sum of weight^2 * inverse mass
     double friction = 0;         // friction coefficient; larger if an implicit step has applied more
+    double load = 0;             // N s, normal impulse averaged over kFrictionLag: of the preceding substeps, times 1 - load_share
+    double load_share = 1;       // of this substep's normal impulse in the average
+    bool averaged = true;        // the contact is older than kFrictionLag: its friction follows the average
     uint32_t nodes = 0;          // in the order of node[0, nodes): those of the point first
     uint32_t point_nodes = 0;    // how many of them are on the side of the point
 
@@ -99,6 +103,16 @@ inline Vec4d limit_friction(Vec4d friction, double most) {
     const double size2 = norm2(friction);
     return size2 > most * most ? Vec4d(friction * (most / std::sqrt(size2))) : friction;
 }
+// Coulomb's limit on the friction impulse. With the load averaged over time (Prakash and Clifton 1993; Ranjith and
+// Rice 2001, "Slip dynamics at an interface between dissimilar materials"): with the instantaneous load, steady
+// sliding of an elastic body is unstable, the finer the mesh the more, and nodes that flutter backwards take
+// some of the friction away.
+inline double most_friction(const PreparedConstraint& c, double normal_impulse) {
+    return normal_impulse > 0 ? c.friction * (c.averaged ? c.load + c.load_share * normal_impulse : normal_impulse) : 0;
+}
+// The share of the next substep in that average: 1, 1/2, 1/3 ... of a new contact, whose friction follows the load itself
+// until the share is down to `least`.
+inline double next_load_share(double share, double least) { return std::max(least, share / (1 + share)); }
 // The normal impulse that brings the normal velocity to its target, N s.
 inline double corrected_normal_impulse(const PreparedConstraint& c, double approach) {
     return std::max(0.0, c.normal_impulse - (approach - c.target_velocity) * c.effective_mass);
@@ -126,6 +140,7 @@ struct WideConstraint {
     Vec4d target_velocity = {};                        // m/s, along the normal
     Vec4d normal_impulse = {};                         // N s
     FourFloats friction = {};                          // coefficient, of the call
+    FourFloats load = {}, load_share = {};             // N s; as in PreparedConstraint
     std::array<uint32_t, 4> constraint;                // index in ContactConstraints, or kNone
     FourPoints friction_impulse;                       // N s
     FourPoints impulse;                                // N s, sum over the call
@@ -167,6 +182,7 @@ struct ContactSolver {
     std::array<uint32_t, 5> colour{};    // first group of each colour, and the number of groups
     std::vector<uint32_t> held;          // indices in prepared of those that may act within implicit steps, at the start of a substep
     bool starts_warm = false;            // constraints start from their impulses of the preceding substep
+    double load_share = 1;               // the least one of constraints
     bool bounces = false;                // a constraint bounces in this substep: the next does not start from its impulses
 };
 
