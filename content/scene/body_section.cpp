@@ -184,15 +184,13 @@ BodySpec read_body(TomlSection section) {
     section.read("fixed_below", body.fixed_below);
     section.read("integrator", body.integrator);
     if (body.integrator == "xpbd") {
-        section.fail(*section.find("integrator"),
-                     "integrator \"xpbd\" is not offered: take \"leapfrog\", or \"midpoint\" for stiff held bodies");
+        section.fail(*section.find("integrator"), "integrator \"xpbd\" is not offered: take \"leapfrog\"");
     }
     constexpr const char* kIntegrators[] = {"leapfrog", "midpoint", "auto"};
     if (std::find(std::begin(kIntegrators), std::end(kIntegrators), body.integrator) == std::end(kIntegrators))
         section.fail(*section.find("integrator"), "integrator \"" + body.integrator + "\" is none of leapfrog, midpoint, auto");
     section.read_count("iterations", body.iterations, 1, 1e4);
     section.read("step", body.step, 1e-9, 1);
-    section.read("wanted_error", body.wanted_error, 0, 1);
     section.read("thickness", body.thickness, 1e-9, 1e3);
     section.read("mass", body.mass, 1e-6, 1e6);
     section.read("velocity", body.velocity);

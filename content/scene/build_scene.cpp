@@ -277,25 +277,6 @@ void make_deformable(World& world, uint32_t body, double fixed_below) {
         update_stable_dt(world.springs, body, world.particles, world.anchors, world.bodies);
 }
 
-Integrator pick_integrator(const World& world, uint32_t body, double wanted_error, std::string& why) {
-    constexpr double kMostStepsPerMs = 5, kMidpointError = 1e-4;
-    const Range range = world.bodies.particles[body];
-    const uint32_t prototype = world.bodies.mesh[body];
-    // the particles of a solid; an elastic foundation of negligible depth holds nothing
-    const uint32_t first = range.first + embedded_count(world.solids, prototype),
-                   nodes = count_nodes(world.meshes, world.solids, prototype);
-    bool held = world.bodies.anchor_frame[body] == AnchorFrame::kWorld && world.bodies.tissue[body].depth < kNoFoundation;
-    for (uint32_t v = 0; v < nodes && !held; ++v) held = !(world.particles.offset[first + v].w > 0);
-    const double steps = 1e-3 / world.bodies.stable_dt[body];
-    why = format("%.3g explicit steps a ms, %s, %.3g mm wanted", steps, held ? "held" : "free", wanted_error * 1e3);
-    // midpoint treats these forces explicitly, so they limit its step as they limit leapfrog's
-    if (has_pressure(world.bodies, body) || has_bending(world.bodies, body)) {
-        why += ", pressure or bending";
-        return Integrator::kLeapfrog;
-    }
-    return steps > kMostStepsPerMs && held && wanted_error >= kMidpointError ? Integrator::kMidpoint : Integrator::kLeapfrog;
-}
-
 namespace {
 
 // One closest-point tree: the body it is made for, and an earlier tree of the same prototype, or kNone.
@@ -451,26 +432,25 @@ Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World
         refuse_body(scene, spec, format("step = %g s is above the largest stable step under pressure and bending, %.4g s", step, others));
     if (integrator == Integrator::kLeapfrog && step > limit)
         refuse_body(scene, spec,
-                    format("step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one%s", step, limit,
-                           solid ? "" : " or integrator = \"midpoint\""));
+                    format("step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one", step, limit));
     if (integrator == Integrator::kLeapfrog && step == 0) return stepping;               // the default of every body
     const double usual = integrator == Integrator::kLeapfrog ? 0 : solid ? 2e-3 : 5e-3;  // s; 5 ms gives overlaps of mm
     stepping.step = step > 0 ? step : std::min(others, usual);
-    stepping.iterations = spec.iterations > 0 ? spec.iterations : solid ? 30 : 10;
+    // to a residual of 1e-3 conjugate gradients need about three iterations per explicit step
+    const double needed = std::min(3 * stepping.step / limit, 1e4);
+    stepping.iterations = spec.iterations > 0 ? spec.iterations : std::max(solid ? 30u : 10u, static_cast<uint32_t>(needed));
     return stepping;
 }
 
-// Chooses the integrator of a deformable body; returns the reason if the scene left the choice open.
-std::string choose_stepping(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
-    std::string why;
-    Integrator integrator = Integrator::kLeapfrog;
-    if (spec.integrator == "auto") integrator = pick_integrator(world, body, spec.wanted_error, why);
-    if (spec.integrator == "midpoint") integrator = Integrator::kMidpoint;
-    const Stepping stepping = make_stepping(scene, spec, world, body, integrator);
-    if (integrator == Integrator::kLeapfrog && spec.step == 0) return why;
+// Chooses the integrator of a deformable body: "auto" is leapfrog, the fastest that is right for every load.
+void choose_stepping(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body, std::vector<std::string>& warnings) {
+    const bool midpoint = spec.integrator == "midpoint";
+    if (!midpoint && spec.step == 0) return;
     world.bodies.stepping.resize(body + 1);
-    world.bodies.stepping[body] = stepping;
-    return why;
+    world.bodies.stepping[body] = make_stepping(scene, spec, world, body, midpoint ? Integrator::kMidpoint : Integrator::kLeapfrog);
+    if (midpoint && spec.copy == 0)
+        warnings.push_back("body \"" + spec.name +
+                           "\" is stepped by midpoint, which takes energy from motion and slides too slowly; leapfrog is as fast");
 }
 
 // Makes an object pool of the copies up to `last`; they are inactive until they are spawned.
@@ -517,17 +497,16 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
         world.poses.angular_velocity[body] = spec.spin;
     }
     if (spec.motion == Motion::kKinematic) add_path(world.paths, body, spec.path);
-    std::string why;
     if (spec.motion == Motion::kDeformable) {
         make_deformable(world, body, spec.fixed_below);
         if (!spec.regions.empty()) add_tissue_regions(scene, spec, world, body);
         if (may_tear(scene, spec)) let_tear(world, body, spec.break_strain);
-        why = choose_stepping(scene, spec, world, body);
+        choose_stepping(scene, spec, world, body, built.warnings);
     }
     if (spec.scatter.rate > 0 && spec.copy + 1 == spec.scatter.count) add_pool(scene, spec, body, world);
     if (spec.copy > 0) return;
     const std::string copies = spec.scatter.count > 1 ? "; " + std::to_string(spec.scatter.count) + " of them" : "";
-    built.notes.push_back(body_note(world, body, prototype) + (why.empty() ? "" : "; auto: " + why) + copies);
+    built.notes.push_back(body_note(world, body, prototype) + copies);
 }
 
 }  // namespace

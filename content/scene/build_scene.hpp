@@ -16,12 +16,6 @@ namespace trocar {
 // vertices whose rest z (m, body frame) is below `fixed_below` are fixed.
 void make_deformable(World& world, uint32_t body, double fixed_below = -std::numeric_limits<double>::infinity());
 
-// Integrator for "auto" in scene files. Midpoint if leapfrog would need more than five steps per millisecond,
-// the body is held (anchors in the world, or fixed vertices: midpoint takes energy from free motion), and an
-// error of 0.1 mm is acceptable; otherwise leapfrog, the most accurate for its cost. `why` receives the
-// reason.
-Integrator pick_integrator(const World& world, uint32_t body, double wanted_error, std::string& why);
-
 // Makes the closest-point trees: one per deformable body, one per prototype for all its rigid bodies. Call it
 // after all prototypes and bodies, and again after adding more: trees point into arrays that may reallocate.
 void make_trees(World& world);

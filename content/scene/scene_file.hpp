@@ -44,7 +44,6 @@ struct BodySpec {
     std::string integrator = "leapfrog";                            // leapfrog | midpoint | auto
     uint32_t iterations = 0;                                        // midpoint: conjugate gradients at most; 0 = usual
     double step = 0;                                                // s, largest step of this body; 0 = default
-    double wanted_error = 1e-4;                                     // m, error that auto may accept
     double fixed_below = -1e300;                                    // m, vertices with lower rest z are fixed
     double thickness = 1e-3;                                        // m, sheets
     double mass = 0;                                                // kg; 0: hand 0.05, free by density

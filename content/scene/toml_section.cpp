@@ -46,8 +46,8 @@ size_t edit_distance(std::string_view a, std::string_view b) {
 // What to do instead, for keys of older scenes; nothing for other words.
 std::string advice_on(std::string_view word) {
     if (word == "edges_ahead") return "; it is no longer a key: raise contact.rate, which finds edges before they cross";
-    if (word == "lod")
-        return "; it is no longer a key: bodies that nothing moves fall asleep, and integrator = \"midpoint\" takes wide steps";
+    if (word == "lod") return "; it is no longer a key: bodies that nothing moves fall asleep";
+    if (word == "wanted_error") return "; it is no longer a key: integrator = \"auto\" is leapfrog, the most accurate for its cost";
     return "";
 }
 

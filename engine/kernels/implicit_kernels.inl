@@ -186,11 +186,14 @@ void tet_slopes(const ImplicitTets* s, unsigned first, unsigned last) {
         const Three area[3] = {cross(y, z), cross(z, x), cross(x, y)};
         const V swelling = (dot3(x, area[0]) - load(b->rest + t)) * load(b->per_rest + t);
         const V sloping = is_less(set(-1), swelling) * is_less(swelling, set(kStretchCap));
-        V stiffness = sloping * multiply_add(set(b->crush), is_less(swelling, set(kCrushed - 1)), set(b->bulk));
+        const V limited = larger(smaller(swelling, set(kStretchCap)), set(-1)), squeezed = set(-b->squeeze) * smaller(limited, zero);
+        const V bulk = set(b->bulk) * is_less(set(-b->yield), swelling);
+        V stiffness = sloping * (multiply_add(set(b->crush), is_less(swelling, set(kCrushed - 1)), bulk) + (squeezed + squeezed));
         if (b->factor) stiffness = stiffness * load(b->factor + t);
         const V share = root(stiffness * load(b->per_rest + t) * set(1.0f / 6));
-        const V limited = larger(smaller(swelling, set(kStretchCap)), set(-1));
-        const V pressure = multiply_add(set(b->crush), smaller(limited + set(1 - kCrushed), zero), set(b->bulk) * limited);
+        const V crushed = smaller(limited + set(1 - kCrushed), zero);
+        const V linear = multiply_add(set(b->crush), crushed, set(b->bulk) * larger(limited, set(-b->yield)));
+        const V pressure = multiply_add(squeezed, limited, linear);
         V size = larger(pressure, zero - pressure) * set(1.0f / 6);
         if (b->factor) size = size * load(b->factor + t);
         const V lx = root(dot3(x, x)), ly = root(dot3(y, y)), lz = root(dot3(z, z));

@@ -3,18 +3,20 @@ namespace trocar {
 
 // The tetrahedra of one body, plain C types only (see spring_kernels.hpp). Volume energy of a tetrahedron of
 // rest volume V and J = signed volume / V:
-//   V psi(J), psi' = bulk * (j - 1) + crush * min(j - kCrushed, 0), j = J clamped to [0, 1 + kStretchCap].
+//   V psi(J), psi' = bulk * max(j - 1, -yield) + crush * min(j - kCrushed, 0) - squeeze * min(j - 1, 0)^2,
+// j = J clamped to [0, 1 + kStretchCap].
 // A penalty on the volume itself (Teschner, Heidelberger, Mueller, Gross, "A versatile and robust model for
 // geometrically complex deformable solids", CGI 2004, section 3.2) with a second, stiffer branch below
-// kCrushed. The force on a corner, -psi' * (area vector of the opposite face) / 3, is a polynomial, so it is
-// finite everywhere, and while the signed volume is below the rest volume - flat or inverted too - it drives
-// the corner back to its own side.
+// kCrushed, and one for materials of little bulk (solid_moduli). The force on a corner, -psi' * (area vector of the opposite face) / 3, is
+// a polynomial, so it is finite everywhere, and while the signed volume is below the rest volume - flat or inverted too - it drives the
+// corner back to its own side.
 struct TetStep {
     const float* offset;                                    // 4 per node, m
     const unsigned *corner0, *corner1, *corner2, *corner3;  // nodes, one per tetrahedron, padded to 16
     const float *rest, *per_rest;                           // m^3, 6 V and 1 / (6 V); padding 0
-    const float* factor;                                    // of bulk and crush, one per tetrahedron; null = 1
-    float bulk, crush;                                      // Pa
+    const float* factor;                                    // of the moduli, one per tetrahedron; null = 1
+    float bulk, crush, squeeze;                             // Pa
+    float yield;                                            // 1 - J from which the pressure of bulk is constant; at most 1
     unsigned tetrahedra;                                    // padded
     float* corner_force;                                    // 4 per (corner * tetrahedra + tetrahedron), N; then one element of zeros
     const unsigned* slot_column;                            // node slices + 1

@@ -43,7 +43,9 @@ void press(const TetStep* body, unsigned first, unsigned last, float* least) {
         const V swelling = swelling_of(body, t, a, bc);
         const V held = larger(smaller(swelling, set(kStretchCap)), set(-1.0f));
         const V crushed = smaller(held + set(1.0f - kCrushed), set(0));
-        const V pressure = multiply_add(set(body->crush), crushed, set(body->bulk) * held);
+        const V squeezed = smaller(held, set(0));
+        const V linear = multiply_add(set(body->crush), crushed, set(body->bulk) * larger(held, set(-body->yield)));
+        const V pressure = multiply_add(set(-body->squeeze), squeezed * squeezed, linear);
         V share = pressure * set(-1.0f / 6);
         if (body->factor) share = share * load(body->factor + t);
         const Lanes f1 = scaled(share, bc), f2 = scaled(share, ca), f3 = scaled(share, ab);

@@ -130,8 +130,8 @@ ScaledStiffness whole_stiffness(const Meshes& meshes, const Springs& springs, co
                 {v, far_end, between.normalized(), double{bodies.spring_stiffness[body]} * springs.factor[index], between.norm()});
         }
     }
-    const double bulk = solid_moduli(bodies.tissue[body]).bulk;
-    for (uint32_t t = 0; bulk > 0 && t < info.count; ++t) {
+    const SolidModuli moduli = solid_moduli(bodies.tissue[body]);
+    for (uint32_t t = 0; t < info.count; ++t) {
         Cell& cell = matrix.cell.emplace_back();
         std::array<Vec3d, 4> p;
         for (int k = 0; k < 4; ++k) {
@@ -142,7 +142,8 @@ ScaledStiffness whole_stiffness(const Meshes& meshes, const Springs& springs, co
         const double six = solids.rest[info.tetrahedra.first + t];
         cell.slope = {Vec3d::Zero(), b.cross(c) / six, c.cross(a) / six, a.cross(b) / six};
         cell.slope[0] = -cell.slope[1] - cell.slope[2] - cell.slope[3];
-        cell.stiffness = kStretchRoom * bulk * six / 6 * (info.varied ? double{solids.factor[info.tetrahedra.first + t]} : 1.0);
+        cell.stiffness = (kStretchRoom * moduli.bulk + kSqueezeRoom * moduli.squeeze) * six / 6 *
+                         (info.varied ? double{solids.factor[info.tetrahedra.first + t]} : 1.0);
     }
     return matrix;
 }
@@ -188,10 +189,8 @@ double stiffest_tetrahedron(const ScaledStiffness& whole, const Solids& solids, 
                 one.rod.push_back(rod);
             }
         }
-        if (!whole.cell.empty()) {
-            one.cell.push_back(whole.cell[t]);
-            one.cell[0].node = {0, 1, 2, 3};
-        }
+        one.cell.push_back(whole.cell[t]);
+        one.cell[0].node = {0, 1, 2, 3};
         stiffest = std::max(stiffest, stiffest_mode(one, 16));
     }
     return stiffest;

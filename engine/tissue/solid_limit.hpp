@@ -15,7 +15,9 @@ namespace trocar {
 //   three.)
 // - volumes: kStretchRoom * bulk V g g^T, g the gradient of J at rest: the square of cof F is 3 at rest, 4
 //   stretched by 1.9 along one axis or by 1.3 along two at constant volume; where a tetrahedron is pressed
-//   flat it falls to 1, which compensates for the branch of crush
+//   flat it falls to 1, which compensates for the branch of crush. kSqueezeRoom * squeeze likewise: its
+//   stiffness, 2 squeeze (1 - J), is 0 at rest and largest at half the volume, where it acts as a bulk modulus of
+//   0.7 squeeze; the rest is left to the reserve
 // - anchors: their stiffness
 // No bound is valid for every shape: volume forces grow with the area of faces. For shapes beyond these there
 // is the reserve of kSolidShare, 1.56 in omega^2; a body that still becomes unstable is restored and counted.
@@ -35,5 +37,6 @@ void update_tearing_solid_dt(const Meshes& meshes, const Springs& springs, const
 inline constexpr double kSolidShare = 0.8;
 inline constexpr double kStretched = 0.23;
 inline constexpr double kStretchRoom = 4.0 / 3;
+inline constexpr double kSqueezeRoom = 0.5;
 
 }  // namespace trocar

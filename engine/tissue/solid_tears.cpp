@@ -237,7 +237,7 @@ double drop_tetrahedra(const Springs& springs, const Solids& solids, const Bodie
         gone[t] = 1, --left;
         const Tetrahedron c = corners(solids, info, t);
         const double factor = info.varied ? double{solids.factor[info.tetrahedra.first + t]} : 1.0;
-        held += factor * tet_energy(moduli.bulk, moduli.crush, solids.rest[info.tetrahedra.first + t],
+        held += factor * tet_energy(moduli, solids.rest[info.tetrahedra.first + t],
                                     six_volumes(position[c[0]], position[c[1]], position[c[2]], position[c[3]]));
     }
     const Range slices = springs.info[prototype].slices;

@@ -28,12 +28,11 @@ SolidModuli solid_moduli(const Tissue& tissue) {
     const double nu = tissue.poisson, mu = tissue.youngs_modulus / (2 * (1 + nu));
     const double lambda = 2 * mu * nu / (1 - 2 * nu);
     const double bulk = std::max(0.0, lambda - mu);
-    return {2.5 * mu, bulk, kCrushShare * bulk};
+    const double crush = kCrushShare * std::clamp(bulk, kLeastCrush * mu, kMostPressure * mu);
+    return {2.5 * mu, bulk, crush, std::max(0.0, kLeastSqueeze * mu - bulk), std::min(1.0, kMostPressure * mu / bulk)};
 }
 
-bool has_tets(const Solids* solids, const Bodies& bodies, uint32_t body) {
-    return solids && is_solid(*solids, bodies.mesh[body]) && solid_moduli(bodies.tissue[body]).bulk > 0;
-}
+bool has_tets(const Solids* solids, const Bodies& bodies, uint32_t body) { return solids && is_solid(*solids, bodies.mesh[body]); }
 
 TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, const TornSprings* torn) {
     const uint32_t prototype = bodies.mesh[body];
@@ -52,6 +51,8 @@ TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& p
     step.factor = info.varied ? solids.factor.data() + first : nullptr;
     step.bulk = static_cast<float>(moduli.bulk);
     step.crush = static_cast<float>(moduli.crush);
+    step.squeeze = static_cast<float>(moduli.squeeze);
+    step.yield = static_cast<float>(moduli.yield);
     step.tetrahedra = info.tetrahedra.count;
     step.slot_column = solids.slot_column.data() + info.slices.first + prototype;
     step.slot = solids.slot.data();
@@ -102,11 +103,14 @@ float add_tet_forces(const TetStep& body, uint32_t slices) {
     return lowest;
 }
 
-double tet_energy(double bulk, double crush, double rest, double volume) {
+double tet_energy(const SolidModuli& m, double rest, double volume) {
     const double swelling = volume / rest - 1, held = std::clamp(swelling, -1.0, double{kStretchCap});
     const double crushed = std::min(held + 1 - double{kCrushed}, 0.0);
-    const double beyond = (bulk * held + crush * crushed) * (swelling - held);  // with J clamped, as the pressure is
-    return rest / 6 * (0.5 * bulk * held * held + 0.5 * crush * crushed * crushed + beyond);
+    const double squeezed = std::min(held, 0.0), squeeze = m.squeeze * squeezed * squeezed;
+    const double yielding = std::max(held, -m.yield), bulk = m.bulk * yielding;
+    const double pressure = bulk + m.crush * crushed - squeeze;  // with J clamped
+    return rest / 6 *
+           (bulk * (held - 0.5 * yielding) + 0.5 * m.crush * crushed * crushed - squeeze * squeezed / 3 + pressure * (swelling - held));
 }
 
 double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) { return (b - a).dot((c - a).cross(d - a)); }
@@ -128,7 +132,7 @@ double tet_energy(const TetStep& step, uint32_t nodes, const SolidModuli& moduli
         for (uint32_t t = begin; t < end; ++t) {
             if (step.rest[t] == 0) continue;
             const Vec4d p = at[step.corner0[t]], a = at[step.corner1[t]] - p, b = at[step.corner2[t]] - p, c = at[step.corner3[t]] - p;
-            sum += (step.factor ? double{step.factor[t]} : 1.0) * tet_energy(moduli.bulk, moduli.crush, step.rest[t], dot(a, cross(b, c)));
+            sum += (step.factor ? double{step.factor[t]} : 1.0) * tet_energy(moduli, step.rest[t], dot(a, cross(b, c)));
         }
         scratch.sums[begin / kChunk] = sum;
     });

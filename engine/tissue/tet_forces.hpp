@@ -22,26 +22,37 @@ namespace trocar {
 //   Distorted tetrahedra at the surface satisfy only the average over directions
 // - volume: bulk = lambda - mu, see tet_kernels.hpp; below kCrushed additionally crush = kCrushShare * bulk:
 //   at half the volume the square of cof F is half of 3, so that the limit of solid_limit.hpp remains valid
+// - squeeze: springs alone yield under pressure: at 40 to 50 % strain their stress has a maximum of 0.23 to
+//   0.36 E, beyond which a tetrahedron folds flat. So bulk and squeeze are together at least kLeastSqueeze * mu.
+//   Measured on the lattice at nu = 1/4, uniaxial stress over E * strain in four directions: 0.93 to 1.01 at
+//   10 %, 0.80 to 1.11 at 30 %, 0.81 to 1.01 at 50 %, then growing; with 2 mu it falls again at 50 %. In first
+//   order squeeze changes nothing
+// - inverted springs are at rest, so crush is at least that of kLeastCrush * mu (nu = 0.45), which unfolds them;
+//   and the pressure of bulk is at most kMostPressure * mu, from 1 - J = yield on: inverted tetrahedra of
+//   nu = 0.499 would fly apart faster than any step follows. Measured: solid_recovery_test.cpp
 struct SolidModuli {
     double springs = 0;  // Pa, E_s
     double bulk = 0;     // Pa
     double crush = 0;    // Pa
+    double squeeze = 0;  // Pa
+    double yield = 1;    // 1 - J
 };
 SolidModuli solid_moduli(const Tissue& tissue);
 
 inline constexpr double kCrushShare = 5.0 / 3;
+inline constexpr double kLeastSqueeze = 4, kLeastCrush = 8, kMostPressure = 24;
 
 inline bool is_solid(const Solids& solids, uint32_t prototype) {
     return prototype < solids.info.size() && solids.info[prototype].count > 0;
 }
-// Whether a body has volume forces: a solid with a Poisson ratio above 1/4.
+// Whether a body has volume forces: a solid.
 bool has_tets(const Solids* solids, const Bodies& bodies, uint32_t body);
 
 // The tetrahedra of a body at given offsets, for the kernels; no outputs. With `torn`, the remaining ones.
 TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, const TornSprings* torn = nullptr);
 
 // Energy (J) of one tetrahedron of six-fold rest volume `rest` and present `volume`.
-double tet_energy(double bulk, double crush, double rest, double volume);
+double tet_energy(const SolidModuli& moduli, double rest, double volume);
 // Six times the signed volume of four corners.
 double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
 

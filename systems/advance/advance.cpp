@@ -52,7 +52,7 @@ AdvanceBody make_body(const AdvanceCall& call, uint32_t body, uint32_t buffer, c
     b.shape = bodies.anchor_frame[body] == AnchorFrame::kShape;
     b.damping = bodies.tissue[body].damping;
     b.last_dt = state.particles.last_dt[body];
-    b.stepping = stepping_of(bodies, body);
+    b.stepping = stepping_of(call.inputs, body);
     // impulses act in the kick, like all forces. The damping after a held body's kick must damp them too, or
     // damping would carry part of a resting load
     if (!b.shape && !b.works_by_energy()) b.impulse_left = std::exp(-0.5 * b.damping * call.dt);
@@ -73,7 +73,7 @@ AdvanceBody make_body(const AdvanceCall& call, uint32_t body, uint32_t buffer, c
 // Whether rounding takes more than half a percent of 1 mm/s from positions stepped by dt: the body then keeps
 // the remainder from substep to substep, and round_remainders removes it at the end of a call.
 bool carry_remainder(const AdvanceCall& call, uint32_t body) {
-    if (call.params.substeps == 1 || stepping_of(call.inputs.bodies, body).integrator != Integrator::kLeapfrog) return false;
+    if (call.params.substeps == 1 || stepping_of(call.inputs, body).integrator != Integrator::kLeapfrog) return false;
     const float radius = static_cast<float>(call.inputs.meshes.info[call.inputs.bodies.mesh[body]].radius);
     const double ulp = std::nextafter(radius, std::numeric_limits<float>::infinity()) - radius;
     return ulp > 0.01 * 1e-3 * call.dt;
@@ -322,12 +322,12 @@ void finish_bodies(const AdvanceCall& call, TissueScratch& scratch, AdvanceIslan
 }  // namespace
 
 uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_bodies, double seconds, double largest,
-                        std::span<const double> linked) {
+                        std::span<const double> linked, bool all_leapfrog) {
     double stable = std::numeric_limits<double>::infinity();
     for (const uint32_t body : island_bodies) {
         if (body < linked.size()) stable = std::min(stable, linked[body]);
         const Stepping stepping = stepping_of(bodies, body);
-        const bool leapfrog = stepping.integrator == Integrator::kLeapfrog;
+        const bool leapfrog = all_leapfrog || stepping.integrator == Integrator::kLeapfrog;
         stable = std::min(stable, leapfrog ? std::min({bodies.stable_dt[body], largest, stepping.step}) : stepping.step);
     }
     return substeps_for(seconds, stable, seconds);
@@ -381,7 +381,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(components, &K::sorted_active, &K::component, &K::component_of);
     using T = TissueScratch;
     level(tissue, &T::offset_a, &T::offset_b, &T::remainder, &T::force, &T::force_sums, &T::corner_force, &T::hinge_force);
-    level(tissue, &T::sums, &T::shape_sums, &T::touched, &T::overstretched);
+    level(tissue, &T::sums, &T::shape_sums, &T::overstretched);
     using M = ImplicitScratch;
     level(implicit, &M::position, &M::direction, &M::sums, &M::spring_direction, &M::block, &M::residual, &M::applied, &M::change);
     level(implicit, &M::free_residual, &M::free_block, &M::slope, &M::volume_force, &M::volume_block);

@@ -7,9 +7,9 @@ namespace trocar {
 void add_advance_result(const AdvanceResult& result, Energy& energy, Report& report);
 
 // Number of substeps in `seconds` that the bodies of an island need: none longer than the stable step of a
-// leapfrog body or `largest`, the step of another body, or Links::stable_dt.
+// leapfrog body or `largest`, the step of another body, or Links::stable_dt. leapfrog: as AdvanceInputs.
 uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_bodies, double seconds, double largest,
-                        std::span<const double> linked = {});
+                        std::span<const double> linked = {}, bool leapfrog = false);
 
 // Moves the bodies of one island through params.ticks ms under springs, tetrahedra, anchors, links, damping,
 // gravity and contact constraints: deformable ones by the integrator of each (leapfrog or midpoint), free

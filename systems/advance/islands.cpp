@@ -49,11 +49,13 @@ void advance_one(const IslandsPass& pass, uint32_t index, AdvanceScratch& scratc
     const bool ticks_inside = pass.params.ticks.run && has_hand(all, bodies);
     const uint32_t calls = ticks_inside ? params.ticks : 1;  // a tick needs a whole number of substeps per millisecond
     const std::span<const double> linked = pass.inputs.other.links ? pass.inputs.other.links->stable_dt : std::span<const double>{};
-    params.substeps = calls * count_substeps(all, bodies, params.ticks * 1e-3 / calls, pass.params.substep, linked);
+    AdvanceInputs inputs = pass.inputs;
+    inputs.leapfrog = needs_leapfrog(inputs, pass.state.particles, bodies, pass.state.constraints, constraints);
+    params.substeps = calls * count_substeps(all, bodies, params.ticks * 1e-3 / calls, pass.params.substep, linked, inputs.leapfrog);
     if (ticks_inside) params.tick_hook = {run_ticks, &ticks};
-    params.substeps *= finer_steps(pass.inputs, pass.state.particles, bodies, pass.state.constraints, constraints,
-                                   params.ticks * 1e-3 / params.substeps, params.ticks * 1e-3, scratch);
-    advance_island(params, pass.inputs, bodies, constraints, scratch, pass.state, pass.scratch.result[index]);
+    params.substeps *=
+        finer_steps(inputs, pass.state.particles, bodies, params.ticks * 1e-3 / params.substeps, params.ticks * 1e-3, scratch);
+    advance_island(params, inputs, bodies, constraints, scratch, pass.state, pass.scratch.result[index]);
 }
 
 // An island's span in the trace; short ones are omitted.

@@ -449,7 +449,7 @@ TEST(Breaking, MoreStepsWhereShellsFold) {
     const Range rows = w.bodies.particles[body];
     const double dt = 2e-4;
     AdvanceScratch scratch;
-    const auto steps = [&] { return finer_steps(in, w.particles, std::span(&body, 1), w.contact_constraints, {}, dt, 1.0 / 60, scratch); };
+    const auto steps = [&] { return finer_steps(in, w.particles, std::span(&body, 1), dt, 1.0 / 60, scratch); };
     EXPECT_EQ(steps(), 1u);
     std::fill_n(w.particles.velocity_x.begin() + rows.first, rows.count, 10.0f);  // uniform
     EXPECT_EQ(steps(), 1u);

@@ -55,14 +55,15 @@ Element spring_element(const DoubleSolid& s, const std::array<Vec3d, 4>& rest, c
             e.hessian.block<3, 3>(3 * j, 3 * i) -= h;
         }
     }
-    const double bulk = lambda - mu;
-    if (bulk <= 1e-9 * mu) return e;
-    const double crush = 5.0 / 3 * bulk, crushed_below = 0.5;
+    const double bulk = std::max(0.0, lambda - mu);
+    const double crush = 5.0 / 3 * std::clamp(bulk, 8 * mu, 24 * mu), squeeze = std::max(0.0, 4 * mu - bulk);
     const double ratio = six_volume(p[0], p[1], p[2], p[3]) / 6 / volume, swelling = ratio - 1;
-    const double held = std::clamp(swelling, -1.0, 0.25), crushed = std::min(held + 1 - crushed_below, 0.0);
-    const double pressure = bulk * held + crush * crushed;
-    e.energy += volume * (bulk * held * held / 2 + crush * crushed * crushed / 2 + pressure * (swelling - held));
-    const double slope = held != swelling ? 0 : bulk + (crushed < 0 ? crush : 0);
+    const double held = std::clamp(swelling, -1.0, 0.25), crushed = std::min(held + 0.5, 0.0);
+    const double squeezed = std::min(held, 0.0), yielding = std::max(held, -24 * mu / bulk);
+    const double pressure = bulk * yielding + crush * crushed - squeeze * squeezed * squeezed;
+    e.energy += volume * (bulk * yielding * (held - yielding / 2) + crush * crushed * crushed / 2 -
+                          squeeze * squeezed * squeezed * squeezed / 3 + pressure * (swelling - held));
+    const double slope = held != swelling ? 0 : (yielding == held ? bulk : 0) + (crushed < 0 ? crush : 0) - 2 * squeeze * squeezed;
     const Vector12 g = volume_gradient(p);
     e.gradient += pressure * g;
     e.hessian += slope / volume * g * g.transpose();

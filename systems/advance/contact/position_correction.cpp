@@ -217,9 +217,7 @@ double tet_correction_work(const AdvanceCall& call, const ContactNodeSet& nodes,
             to[k] = from[k] + to_vec3(correction);
             corrected += norm2(correction) > 0;
         }
-        const auto energy = [&](const Vec3d* p) {
-            return tet_energy(moduli.bulk, moduli.crush, tets.rest[t], six_volumes(p[0], p[1], p[2], p[3]));
-        };
+        const auto energy = [&](const Vec3d* p) { return tet_energy(moduli, tets.rest[t], six_volumes(p[0], p[1], p[2], p[3])); };
         const double factor = tets.factor ? double{tets.factor[t]} : 1.0;
         work += factor * (energy(to) - energy(from)) / std::max(corrected, 1);
     }

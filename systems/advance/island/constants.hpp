@@ -108,7 +108,10 @@ inline constexpr double kFarDisplacement = 0.25;
 inline constexpr uint32_t kFinerShell = 2;
 inline constexpr float kApart = 0.05f;
 inline constexpr double kShortDisplacement = 0.02;
-// Solids with contact: volume ratios, now or in the middle of the pass, below which more steps replace one.
+// The same for bodies stepped by midpoint, which then take leapfrog, and until they return to it. Measured:
+// undamped boxes of 0.02 to 2 MPa on foundations of 0.04 to 4 m keep their energy to 1 % in 60 s.
+inline constexpr float kApartImplicit = 0.02f, kApartCalm = 0.002f;
+// Solids: volume ratios, now or in the middle of the pass, below which more steps replace one.
 // Measured: finer_steps (fine_steps.hpp).
 inline constexpr double kPressed = 0.45, kPressedFlat = 0.3;
 inline constexpr uint32_t kFinerPressed = 2, kFinerPressedFlat = 4;

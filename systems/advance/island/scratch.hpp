@@ -32,7 +32,6 @@ struct TissueScratch {
     std::vector<double> shape_sums;                    // per chunk of slices: kShapeSums * 16
     std::vector<std::vector<double>> body_shape_sums;  // as shape_sums, per chunk of bodies
     ImplicitScratch implicit;
-    std::vector<uint8_t> touched;        // per body of the world: finer_steps; only if the island has solids
     std::vector<uint8_t> overstretched;  // per chunk of slices of one body: it has an overlong spring
 };
 

@@ -29,9 +29,9 @@ float fastest_of(const Particles& p, Range range) {
     return *std::max_element(lane, lane + 8);
 }
 
-// Whether the ends of some spring move far relative to each other in dt.
-bool folds_fast(const SpringStep& step, uint32_t slices, float dt) {
-    const float share = kApart / dt;
+// Whether the ends of some spring move relative to each other by more than `apart` of its rest length in dt.
+bool folds_fast(const SpringStep& step, uint32_t slices, float apart, float dt) {
+    const float share = apart / dt;
     for (uint32_t slice = 0; slice < slices; ++slice) {
         for (size_t h = size_t{step.slice_column[slice]} * kSliceWidth; h < size_t{step.slice_column[slice + 1]} * kSliceWidth; ++h) {
             const uint32_t p = slice * kSliceWidth + h % kSliceWidth, q = step.neighbour[h];
@@ -44,13 +44,13 @@ bool folds_fast(const SpringStep& step, uint32_t slices, float dt) {
     return false;
 }
 
-bool has_fast_folds(const AdvanceInputs& in, const Particles& particles, uint32_t body, double dt) {
+bool has_fast_folds(const AdvanceInputs& in, const Particles& particles, uint32_t body, float apart, double dt) {
     const SpringInfo& info = in.springs.info[in.bodies.mesh[body]];
-    const double far = kShortDisplacement * info.mean_rest / dt;
+    const double far = double{apart / kApart} * kShortDisplacement * info.mean_rest / dt;
     const Range range{in.bodies.particles[body].first + info.skin, in.bodies.particles[body].count - info.skin};
     if (!(fastest_of(particles, range) > far * far)) return false;
     const SpringStep step = bind_body(in.springs, in.bodies, in.anchors, particles, body, in.other.torn_springs);
-    return folds_fast(step, info.slices.count, static_cast<float>(dt));
+    return folds_fast(step, info.slices.count, apart, static_cast<float>(dt));
 }
 
 // Tetrahedra of a body whose forces go to s.volume_force.
@@ -82,7 +82,7 @@ float least_volume_later(TetStep tets, const Float4* now, const Particles& p, Ra
     return least_volume_ratio(tets);
 }
 
-// Least volume ratio of a touched solid, now and in the middle of a pass of `seconds`.
+// Least volume ratio of a solid, now and in the middle of a pass of `seconds`.
 double least_volume_of_pass(const AdvanceInputs& in, const Particles& particles, uint32_t body, double seconds,
                             std::vector<Float4>& position) {
     const TetStep tets = bind_tets(*in.other.solids, in.bodies, particles, body, in.other.torn_springs);
@@ -91,14 +91,6 @@ double least_volume_of_pass(const AdvanceInputs& in, const Particles& particles,
     const Range nodes{all.first + skin, all.count - skin};
     return std::min(least_volume_ratio(tets),
                     least_volume_later(tets, &particles.offset[nodes.first], particles, nodes, 0.5 * seconds, position));
-}
-
-// Per body of the island: whether it has a constraint. Other entries keep stale values.
-void mark_touched(const Bodies& bodies, std::span<const uint32_t> island_bodies, const ContactConstraints& constraints,
-                  std::span<const uint32_t> island_constraints, std::vector<uint8_t>& touched) {
-    touched.resize(bodies.mesh.size());
-    for (const uint32_t body : island_bodies) touched[body] = 0;
-    for (const uint32_t constraint : island_constraints) touched[constraints.body[constraint]] = touched[constraints.other[constraint]] = 1;
 }
 
 }  // namespace
@@ -127,21 +119,32 @@ bool needs_subcycling(const AdvanceCall& call, const Particles& particles, const
            least_volume(call, particles, b, -call.dt, scratch) < kCrushed;
 }
 
-uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies,
-                     const ContactConstraints& constraints, std::span<const uint32_t> island_constraints, double dt, double seconds,
-                     AdvanceScratch& scratch) {
-    std::vector<uint8_t>& touched = scratch.tissue.touched;
-    const auto is_solid = [&](uint32_t body) { return has_tets(in.other.solids, in.bodies, body); };
-    if (std::any_of(island_bodies.begin(), island_bodies.end(), is_solid))
-        mark_touched(in.bodies, island_bodies, constraints, island_constraints, touched);
+bool needs_leapfrog(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies,
+                    const ContactConstraints& constraints, std::span<const uint32_t> island_constraints) {
+    if (in.bodies.stepping.empty()) return false;
+    const auto is_implicit = [&](uint32_t body) { return stepping_of(in.bodies, body).integrator == Integrator::kMidpoint; };
+    const auto moves = [&](uint32_t body) { return joins_islands(in.bodies.motion[body]); };
+    const auto pressed = [&](uint32_t c) {
+        const uint32_t a = constraints.body[c], b = constraints.other[c];
+        return (is_implicit(a) && moves(b)) || (is_implicit(b) && moves(a));
+    };
+    const auto fast = [&](uint32_t body) {
+        const float apart = particles.last_dt[body] > 0 ? kApartCalm : kApartImplicit;
+        return is_implicit(body) && has_fast_folds(in, particles, body, apart, stepping_of(in.bodies, body).step);
+    };
+    return std::ranges::any_of(island_constraints, pressed) || std::ranges::any_of(island_bodies, fast);
+}
+
+uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies, double dt,
+                     double seconds, AdvanceScratch& scratch) {
     uint32_t most = 1;
     for (const uint32_t body : island_bodies) {
-        if (!is_deformable(in.bodies, body) || stepping_of(in.bodies, body).integrator != Integrator::kLeapfrog) continue;
-        if (is_solid(body)) {
-            if (!touched[body]) continue;
+        if (!is_deformable(in.bodies, body) || stepping_of(in, body).integrator != Integrator::kLeapfrog) continue;
+        if (has_tets(in.other.solids, in.bodies, body)) {
             const double least = least_volume_of_pass(in, particles, body, seconds, scratch.tissue.implicit.position);
             most = std::max(most, least < kPressedFlat ? kFinerPressedFlat : least < kPressed ? kFinerPressed : 1u);
-        } else if (most < kFinerShell && in.bodies.anchor_frame[body] != AnchorFrame::kShape && has_fast_folds(in, particles, body, dt)) {
+        } else if (most < kFinerShell && (in.bodies.tissue[body].damping == 0 || (in.bodies.anchor_frame[body] != AnchorFrame::kShape &&
+                                                                                  has_fast_folds(in, particles, body, kApart, dt)))) {
             most = kFinerShell;
         }
     }

@@ -44,7 +44,7 @@ void add_tets(const AdvanceCall& call, const Particles& particles, const Advance
 }
 
 bool takes_tets_as_they_are(const AdvanceInputs& in, uint32_t body) {
-    return stepping_of(in.bodies, body).integrator == Integrator::kLeapfrog && has_tets(in.other.solids, in.bodies, body);
+    return stepping_of(in, body).integrator == Integrator::kLeapfrog && has_tets(in.other.solids, in.bodies, body);
 }
 
 }  // namespace

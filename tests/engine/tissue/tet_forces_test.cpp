@@ -53,7 +53,7 @@ struct RandomTets {
         step.corner0 = corner[0].data(), step.corner1 = corner[1].data();
         step.corner2 = corner[2].data(), step.corner3 = corner[3].data();
         step.rest = rest.data(), step.per_rest = per_rest.data();
-        step.bulk = 300, step.crush = 900, step.tetrahedra = kPadded;
+        step.bulk = 300, step.crush = 900, step.squeeze = 500, step.yield = 0.8f, step.tetrahedra = kPadded;
         step.corner_force = &corner_force[0].x;
         step.slot_column = column.data(), step.slot = slot.data();
         step.force_x = force[0].data(), step.force_y = force[1].data(), step.force_z = force[2].data();
@@ -63,7 +63,8 @@ struct RandomTets {
     double energy(const std::vector<Vec3d>& p) const {
         double sum = 0;
         for (unsigned t = 0; t < kTets; ++t) {
-            sum += tet_energy(300, 900, rest[t], six_volumes(p[corner[0][t]], p[corner[1][t]], p[corner[2][t]], p[corner[3][t]]));
+            sum += tet_energy({0, 300, 900, 500, double{0.8f}}, rest[t],
+                              six_volumes(p[corner[0][t]], p[corner[1][t]], p[corner[2][t]], p[corner[3][t]]));
         }
         return sum;
     }
@@ -132,7 +133,7 @@ TEST(TetForces, TheEnergyIsTheSumOverThoseThatAreLeft) {
             const Vec3d p = position_of(tets.corner[0][t]);
             const double six =
                 (position_of(tets.corner[1][t]) - p).dot((position_of(tets.corner[2][t]) - p).cross(position_of(tets.corner[3][t]) - p));
-            wanted += double{factor[t]} * tet_energy(300, 900, tets.rest[t], six);
+            wanted += double{factor[t]} * tet_energy({0, 300, 900, 500, double{0.8f}}, tets.rest[t], six);
             least = std::min(least, six_volumes(tets.position_of(tets.corner[0][t]), tets.position_of(tets.corner[1][t]),
                                                 tets.position_of(tets.corner[2][t]), tets.position_of(tets.corner[3][t])) /
                                         tets.rest[t]);
@@ -140,7 +141,7 @@ TEST(TetForces, TheEnergyIsTheSumOverThoseThatAreLeft) {
         tets.bind();
         tets.step.factor = factor.data();
         TetEnergyScratch scratch;
-        const double found = tet_energy(tets.step, RandomTets::kNodes, {0, 300, 900},
+        const double found = tet_energy(tets.step, RandomTets::kNodes, {0, 300, 900, 500, double{0.8f}},
                                         {velocity[0].data(), velocity[1].data(), velocity[2].data()}, back, scratch);
         EXPECT_NEAR(found, wanted, 1e-12 * wanted) << seed;
         EXPECT_NEAR(least_volume_ratio(tets.step), least, 3e-6 * std::abs(least)) << seed;

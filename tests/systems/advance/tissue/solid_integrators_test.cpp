@@ -163,14 +163,16 @@ void compare_with_dense_solve(float most_shake, double theta) {
         const double ratio = now / six;
         crushed += ratio<0.5, beyond += ratio> 1.25 || ratio < 0;
         const double held = std::clamp(ratio - 1, -1.0, double{kStretchCap});
-        const double pressure = std::abs(moduli.bulk * held + moduli.crush * std::min(held + 1 - double{kCrushed}, 0.0));
+        const double squeezed = std::min(held, 0.0),
+                     pressure = std::abs(moduli.bulk * held + moduli.crush * std::min(held + 1 - double{kCrushed}, 0.0) -
+                                         moduli.squeeze * squeezed * squeezed);
         for (int i = 1; i < 4; ++i) {
             const double spring = pressure / 6 * ((p[1 + i % 3] - p[0]).norm() + (p[1 + (i + 1) % 3] - p[0]).norm());
             for (const auto& [r, c, sign] : {std::tuple(0, 0, 1), std::tuple(i, i, 1), std::tuple(0, i, -1), std::tuple(i, 0, -1)})
                 k.block<3, 3>(3 * t[r], 3 * t[c]) += sign * spring * Eigen::Matrix3d::Identity();
         }
         if (ratio < 0 || ratio > 1 + double{kStretchCap}) continue;
-        const double bend = moduli.bulk + (ratio < double{kCrushed} ? moduli.crush : 0);
+        const double bend = moduli.bulk + (ratio < double{kCrushed} ? moduli.crush : 0) - 2 * moduli.squeeze * squeezed;
         std::array<Vec3d, 4> g{Vec3d::Zero(), (p[2] - p[0]).cross(p[3] - p[0]) / six, (p[3] - p[0]).cross(p[1] - p[0]) / six,
                                (p[1] - p[0]).cross(p[2] - p[0]) / six};
         g[0] = -g[1] - g[2] - g[3];
@@ -461,23 +463,6 @@ TEST(SolidIntegrators, PressedLiverWhoeverSteps) {
         EXPECT_EQ(w.report.nonfinite_particles + w.report.runaway_bodies, 0u) << integrator;
         EXPECT_LT(deepest, 1e-3) << integrator;
     }
-}
-
-// `auto` treats solids like shells: held, and more steps per millisecond than its threshold.
-TEST(SolidIntegrators, AutoIncludesSolids) {
-    const std::string path = (source_folder() / "content/scenes/tet_liver_press.toml").string();
-    const auto picks = [&](std::vector<Override> more) {
-        more.insert(more.end(), {{"liver.cells", "8"}, {"liver.triangles", "1500"}, {"liver.integrator", "auto"}});
-        const BuiltScene built = build_scene(read_scene_file(path, more), Looks::kPlain);
-        return stepping_of(built.world.bodies, 0).integrator;
-    };
-    EXPECT_EQ(picks({}), Integrator::kLeapfrog);
-    EXPECT_EQ(picks({{"liver.tissue.youngs_modulus", "5e6"}}), Integrator::kMidpoint);
-    EXPECT_EQ(picks({{"liver.tissue.youngs_modulus", "5e6"}, {"liver.skin", "true"}}), Integrator::kMidpoint);
-    EXPECT_EQ(picks({{"liver.tissue.youngs_modulus", "5e6"}, {"liver.wanted_error", "1e-5"}}), Integrator::kLeapfrog);
-    EXPECT_EQ(picks({{"liver.tissue.youngs_modulus", "5e6"}, {"liver.fixed_below", "-1"}}), Integrator::kLeapfrog) << "nothing holds it";
-    EXPECT_EQ(picks({{"liver.tissue.youngs_modulus", "5e6"}, {"liver.fixed_below", "-1"}, {"liver.skin", "true"}}), Integrator::kLeapfrog)
-        << "a skin is not held";
 }
 
 }  // namespace
