@@ -13,6 +13,7 @@
 #include "content/read/load_mesh.hpp"
 #include "content/scene/build_links.hpp"
 #include "content/scene/build_nodes.hpp"
+#include "content/scene/fit_tip.hpp"
 #include "content/scene/make_prototype.hpp"
 #include "content/scene/make_solid.hpp"
 #include "content/shapes/shape_library.hpp"
@@ -200,16 +201,31 @@ void give_shell(const SceneFile& scene, const ToolSpec& spec, const World& world
     spread_points(spec, world, tool);
     if (tool.point_shell.empty()) fail("its body has no surface");
     tool.turn_stiffness = spec.turn_stiffness;
-    tool.inertia = mass * spec.turn_stiffness / spec.stiffness;
-    tool.coupling_damping = spec.damping >= 0 ? spec.damping : 2 * std::sqrt(spec.stiffness * mass);
+    tool.inertia = mass * spec.turn_stiffness / tool.coupling_stiffness;
+    tool.coupling_damping = spec.damping >= 0 ? spec.damping : 2 * std::sqrt(tool.coupling_stiffness * mass);
     tool.turn_damping = spec.turn_damping >= 0 ? spec.turn_damping : 2 * std::sqrt(spec.turn_stiffness * tool.inertia);
-    tool.surface_stiffness = spec.surface_stiffness > 0 ? spec.surface_stiffness : 100 * spec.stiffness;
-    if (spec.hand.mass <= 0 || spec.hand.damping <= 0) return;
-    const double limit = spec.hand.damping / (0.5e-3 + 1e-3 * spec.hand.delay);
-    char text[160];
-    std::snprintf(text, sizeof text, "stiffness %g N/m is more than a device of %g N s/m takes quietly at 1 kHz: at most %g",
-                  spec.stiffness, spec.hand.damping, limit);
-    if (spec.stiffness > limit) fail(text);
+    tool.surface_stiffness = spec.surface_stiffness > 0 ? spec.surface_stiffness : 100 * tool.coupling_stiffness;
+}
+
+// Stiffest coupling (N/m at the tip) that a device takes without oscillating at 1 kHz, from its damping b and delay:
+// b / (T/2 + delay) (Colgate & Schenkel, Proc. American Control Conf. 1994); and, from Coulomb friction f and encoder
+// step: 2 f / step (Abbott & Okamura, IEEE Trans. Robotics 21(5), 2005; Diolaiti et al., ibid. 22(2), 2006). An
+// encoder without friction costs half of the first: measured, see the test of that name.
+double stiffest_coupling(const HandModel& hand, double scale) {
+    double limit = std::numeric_limits<double>::infinity();
+    if (hand.mass > 0 && hand.damping > 0) limit = hand.damping / (0.5e-3 + 1e-3 * hand.delay);
+    if (hand.mass > 0 && hand.encoder > 0) limit = hand.friction > 0 ? std::min(limit, 2 * hand.friction / hand.encoder) : 0.5 * limit;
+    return limit / (scale * scale);
+}
+
+void limit_stiffness(const ToolSpec& spec, HandTool& tool, std::vector<std::string>& warnings) {
+    const double limit = stiffest_coupling(spec.hand, spec.workspace.scale);
+    if (!(tool.coupling_stiffness > limit)) return;
+    char text[200];
+    std::snprintf(text, sizeof text, "stiffness %g N/m is more than its device takes quietly at 1 kHz: %g N/m is used (see tool.hand)",
+                  tool.coupling_stiffness, limit);
+    warnings.push_back("tool \"" + spec.body + "\": " + text);
+    tool.coupling_stiffness = limit;
 }
 
 // Adds the jaws, which collide neither with their instrument nor with each other.
@@ -243,7 +259,7 @@ void keep_jaws_apart(World& world) {
     apart.erase(std::unique(apart.begin(), apart.end()), apart.end());
 }
 
-void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
+void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world, std::vector<std::string>& warnings) {
     const auto& names = world.bodies.name;
     const auto found = std::find(names.begin(), names.end(), spec.body);
     if (found == names.end()) refuse(scene, spec.line, "no body is named \"" + spec.body + "\"");
@@ -252,7 +268,7 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     if (world.bodies.motion[tool.body] != Motion::kHand)
         refuse(scene, spec.line, "body \"" + spec.body + "\" of a tool must have motion = \"hand\"");
     tool.tip = spec.tip;
-    tool.tip_radius = spec.tip_radius;
+    tool.tip_radius = spec.dof == 6 && spec.tip_radius == 0 ? 0.006 : spec.tip_radius;  // with dof = 6 of the marker in pictures
     tool.coupling_stiffness = spec.stiffness;
     tool.coupling_damping = spec.damping;
     tool.max_force = spec.max_force;
@@ -262,8 +278,15 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     tool.workspace = spec.workspace;
     tool.pivot = spec.pivot;
     tool.limits = spec.limits;
+    limit_stiffness(spec, tool, warnings);
     add_jaws(scene, spec, world, tool);
-    if (spec.dof == 6) give_shell(scene, spec, world, tool);
+    const auto fit = [&](bool tip_given, HandTool& of) {
+        if (std::string warning = fit_tip(world, tip_given, of); !warning.empty()) warnings.push_back(std::move(warning));
+    };
+    if (spec.dof == 6)
+        give_shell(scene, spec, world, tool);
+    else
+        fit(spec.tip_given, tool);
     tool.effects = {static_cast<uint32_t>(world.haptics.effect.size()), static_cast<uint32_t>(spec.effects.size())};
     world.haptics.effect.insert(world.haptics.effect.end(), spec.effects.begin(), spec.effects.end());
     if (world.haptics.tool.size() == kMaxTools) refuse(scene, spec.line, "more than " + std::to_string(kMaxTools) + " tools");
@@ -278,7 +301,11 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     world.haptics.state.emplace_back();
     const uint32_t row = static_cast<uint32_t>(world.haptics.tool.size() - 1);
     add_tool_exchanges(scene, spec, world, row);
-    for (uint32_t t = row + 1; t < world.haptics.tool.size() && spec.dof == 6; ++t) {
+    for (uint32_t t = row + 1; t < world.haptics.tool.size(); ++t) {
+        if (spec.dof != 6) {
+            fit(true, world.haptics.tool[t]);
+            continue;
+        }
         ToolSpec other = spec;  // the point shell covers this instrument's own body
         other.body = world.bodies.name[world.haptics.tool[t].body];
         other.tip = world.haptics.tool[t].tip;
@@ -615,7 +642,7 @@ BuiltScene build_scene(const SceneFile& given, Looks looks) {
     PrototypeCache prototypes;
     prototypes.looks = looks;
     for (const BodySpec& spec : scene.bodies) add_scene_body(scene, spec, prototypes.get(scene, spec, world, built.warnings), built);
-    for (const ToolSpec& spec : scene.tools) add_tool(scene, spec, world);
+    for (const ToolSpec& spec : scene.tools) add_tool(scene, spec, world, built.warnings);
     for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
         const bool held =
             std::any_of(world.haptics.tool.begin(), world.haptics.tool.end(), [&](const HandTool& t) { return t.body == body; });

@@ -71,11 +71,12 @@ struct JawSpec {
 struct ToolSpec {
     std::string body;
     uint32_t line = 0;
-    Vec3d tip = Vec3d::Zero();  // m, body frame
-    double tip_radius = 0.006;  // m
-    double stiffness = 500;     // N/m, virtual coupling
-    double damping = 5;         // N s/m
-    double max_force = 3.3;     // N
+    Vec3d tip = Vec3d::Zero();  // m, body frame; without tip_given and with the origin outside: from the mesh
+    bool tip_given = false;
+    double tip_radius = 0;   // m; 0 = from the mesh around the tip
+    double stiffness = 500;  // N/m, virtual coupling
+    double damping = 5;      // N s/m
+    double max_force = 3.3;  // N
     double friction = 0.1;
     double pass_through = 0;       // N; 0 = never
     uint32_t dof = 3;              // 3: forces at a sphere at the tip; 6: force and torque on the whole body

@@ -1,4 +1,5 @@
 #include <cmath>
+#include <limits>
 
 #include "content/scene/scene_sections.hpp"
 
@@ -188,7 +189,10 @@ ToolSpec read_tool(const std::string& file, const toml::table& table) {
     tool.line = section.line();
     section.read("body", tool.body);
     if (tool.body.empty()) section.fail("a [[tool]] needs the name of its body");
-    section.read("tip", tool.tip);
+    Vec3d tip = Vec3d::Constant(std::numeric_limits<double>::quiet_NaN());
+    section.read("tip", tip);
+    tool.tip_given = tip.allFinite();
+    if (tool.tip_given) tool.tip = tip;
     section.read("tip_radius", tool.tip_radius, 0, 10);
     section.read_count("dof", tool.dof, 3, 6);
     if (tool.dof != 3 && tool.dof != 6)
