@@ -68,6 +68,14 @@ struct ToolPierce {
     TROCAR_FIELDS(body, "row of bodies or none", seen);
 };
 
+// How a tool that starts or is found inside a body leaves it.
+struct ToolExit {
+    uint32_t body = kNone;       // that it is inside
+    Vec3d way = Vec3d::Zero();   // unit, world
+    Vec3d goal = Vec3d::Zero();  // m, from the device to where the tool is outside; zero once it is
+    TROCAR_FIELDS(body, "row of bodies or none", way, goal, "m");
+};
+
 // Motion of a device estimated from its positions, smoothed twice: constant acceleration lags by half a
 // sample.
 struct DeviceMotion {
@@ -95,7 +103,8 @@ struct ToolState {
     uint64_t ticks = 0;
     double model_age = 0;                   // s, age of the surface model used at the last tick
     double gain = 1;                        // fraction of the force let through, 0..1: timeouts and recovery
-    double largest_force = 0;               // N, commanded so far
+    double largest_force = 0;               // N, commanded so far, within the limits
+    double largest_wanted = 0;              // N, before the limits
     uint64_t rejected_samples = 0;          // not finite, out of order, or farther or faster than a hand can move
     Vec3d coupling_force = Vec3d::Zero();   // N, of the coupling on the simulated tool, last substep
     Vec3d contact_impulse = Vec3d::Zero();  // N s, of tissue on the simulated tool, summed over the period
@@ -109,6 +118,8 @@ struct ToolState {
     Vec3d link_force_before = Vec3d::Zero();  // and over the one before
     ToolPass last_pass;                       // for the simulation; the tick does not use it
     ToolPierce pierce;                        // likewise
+    ToolExit exit;                            // likewise
+    Vec3d pushed = Vec3d::Zero();             // m, from the device to where the tool is held while it leaves a body, and fading after that
     // of a tool with a point shell, whose tip is at `proxy`
     Quat proxy_turn;                        // of the instrument kept outside the surface
     std::vector<ShellContact> contact;      // points ascend
@@ -119,10 +130,10 @@ struct ToolState {
     double grip_moment = 0;  // N m s, opening moment of tissue on the simulated jaws, summed over the period
     double grip_torque = 0;  // N m, its mean over the last pass: what the fingers that close them feel
     TROCAR_FIELDS(device, motion, proxy, "m", proxy_valid, contacts, command, output, coupling_force, "N", contact_impulse, "N s",
-                  device_valid, time, "s", ticks, model_age, "s", gain, largest_force, "N", rejected_samples, touched,
-                  "row of bodies or none", last_pass, pierce, link_force, "N", link_force_before, "N", hand, clutch, safety,
-                  effect_velocity, "m/s", effect, events, proxy_turn, contact, device_spin, "rad/s", coupling_torque, "N m", contact_moment,
-                  "N m s", sliding, carried, "m", pull, "N", pull_torque, "N m", grip_moment, "N m s", grip_torque, "N m");
+                  device_valid, time, "s", ticks, model_age, "s", gain, largest_force, "N", largest_wanted, "N", rejected_samples, touched,
+                  "row of bodies or none", last_pass, pierce, exit, pushed, "m", link_force, "N", link_force_before, "N", hand, clutch,
+                  safety, effect_velocity, "m/s", effect, events, proxy_turn, contact, device_spin, "rad/s", coupling_torque, "N m",
+                  contact_moment, "N m s", sliding, carried, "m", pull, "N", pull_torque, "N m", grip_moment, "N m s", grip_torque, "N m");
 };
 
 }  // namespace trocar

@@ -206,7 +206,8 @@ void add_tool_exchanges(const SceneFile& scene, const ToolSpec& spec, World& wor
             HandTool other = tools[tool];
             other.body = body;
             other.tip = exchange.tip;
-            if (exchange.tip_radius > 0) other.tip_radius = exchange.tip_radius;
+            if (exchange.tip_radius > 0 || spec.dof != 6)
+                other.tip_radius = exchange.tip_radius > 0 ? exchange.tip_radius : spec.tool.tip_radius;
             world.haptics.tool.push_back(other);
             world.haptics.state.emplace_back();
         }

@@ -13,6 +13,7 @@
 #include "content/scene/build_links.hpp"
 #include "content/scene/build_nodes.hpp"
 #include "content/scene/find_body.hpp"
+#include "content/scene/fit_tip.hpp"
 #include "content/scene/make_prototype.hpp"
 #include "content/scene/make_solid.hpp"
 #include "content/shapes/shape_library.hpp"
@@ -185,7 +186,7 @@ void give_shell(const SceneFile& scene, const ToolSpec& spec, const World& world
     const auto fail = [&](const std::string& why) { refuse(scene, spec.line, "tool \"" + spec.body + "\" with dof = 6: " + why); };
     const double mass = world.bodies.inv_mass[tool.body] > 0 ? 1 / world.bodies.inv_mass[tool.body] : 0;
     if (!(mass > 0)) fail("its body needs a mass");
-    const double stiffness = spec.tool.coupling_stiffness, damping = spec.tool.coupling_damping;
+    const double stiffness = tool.coupling_stiffness, damping = spec.tool.coupling_damping;
     if (!(stiffness > 0)) fail("it needs a stiffness");
     spread_points(spec, world, tool);
     if (tool.point_shell.empty()) fail("its body has no surface");
@@ -193,11 +194,26 @@ void give_shell(const SceneFile& scene, const ToolSpec& spec, const World& world
     tool.coupling_damping = damping >= 0 ? damping : 2 * std::sqrt(stiffness * mass);
     tool.turn_damping = spec.tool.turn_damping >= 0 ? spec.tool.turn_damping : 2 * std::sqrt(tool.turn_stiffness * tool.inertia);
     tool.surface_stiffness = spec.tool.surface_stiffness > 0 ? spec.tool.surface_stiffness : 100 * stiffness;
-    if (tool.hand.mass <= 0 || tool.hand.damping <= 0) return;
-    const double limit = tool.hand.damping / (0.5e-3 + 1e-3 * tool.hand.delay);
-    if (stiffness > limit)
-        fail(format("stiffness %g N/m is more than a device of %g N s/m takes quietly at 1 kHz: at most %g", stiffness, tool.hand.damping,
-                    limit));
+}
+
+// Stiffest coupling (N/m at the tip) that a device takes without oscillating at 1 kHz, from its damping b and delay:
+// b / (T/2 + delay) (Colgate & Schenkel, Proc. American Control Conf. 1994); and, from Coulomb friction f and encoder
+// step: 2 f / step (Abbott & Okamura, IEEE Trans. Robotics 21(5), 2005; Diolaiti et al., ibid. 22(2), 2006). An
+// encoder without friction costs half of the first: measured, see the test of that name.
+double stiffest_coupling(const HandModel& hand, double scale) {
+    double limit = std::numeric_limits<double>::infinity();
+    if (hand.mass > 0 && hand.damping > 0) limit = hand.damping / (0.5e-3 + 1e-3 * hand.delay);
+    if (hand.mass > 0 && hand.encoder > 0) limit = hand.friction > 0 ? std::min(limit, 2 * hand.friction / hand.encoder) : 0.5 * limit;
+    return limit / (scale * scale);
+}
+
+void limit_stiffness(const ToolSpec& spec, HandTool& tool, std::vector<std::string>& warnings) {
+    const double limit = stiffest_coupling(tool.hand, tool.workspace.scale);
+    if (!(tool.coupling_stiffness > limit)) return;
+    warnings.push_back("tool \"" + spec.body +
+                       format("\": stiffness %g N/m is more than its device takes quietly at 1 kHz: %g N/m is used (see tool.hand)",
+                              tool.coupling_stiffness, limit));
+    tool.coupling_stiffness = limit;
 }
 
 // Adds the jaws, which collide neither with their instrument nor with each other.
@@ -225,13 +241,21 @@ void keep_jaws_apart(World& world) {
     apart.erase(std::unique(apart.begin(), apart.end()), apart.end());
 }
 
-void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
+void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world, std::vector<std::string>& warnings) {
     HandTool tool = spec.tool;
     tool.body = find_body(scene, spec.line, world, spec.body);
     if (world.bodies.motion[tool.body] != Motion::kHand)
         refuse(scene, spec.line, "body \"" + spec.body + "\" of a tool must have motion = \"hand\"");
+    if (spec.dof == 6 && tool.tip_radius == 0) tool.tip_radius = 0.006;  // of the marker in pictures
+    limit_stiffness(spec, tool, warnings);
     add_jaws(scene, spec, world, tool);
-    if (spec.dof == 6) give_shell(scene, spec, world, tool);
+    const auto fit = [&](bool tip_given, HandTool& of) {
+        if (std::string warning = fit_tip(world, tip_given, of); !warning.empty()) warnings.push_back(std::move(warning));
+    };
+    if (spec.dof == 6)
+        give_shell(scene, spec, world, tool);
+    else
+        fit(spec.tip_given, tool);
     tool.effects = {static_cast<uint32_t>(world.haptics.effect.size()), static_cast<uint32_t>(spec.effects.size())};
     world.haptics.effect.insert(world.haptics.effect.end(), spec.effects.begin(), spec.effects.end());
     if (world.haptics.tool.size() == kMaxTools) refuse(scene, spec.line, "more than " + std::to_string(kMaxTools) + " tools");
@@ -246,7 +270,11 @@ void add_tool(const SceneFile& scene, const ToolSpec& spec, World& world) {
     world.haptics.state.emplace_back();
     const uint32_t row = static_cast<uint32_t>(world.haptics.tool.size() - 1);
     add_tool_exchanges(scene, spec, world, row);
-    for (uint32_t t = row + 1; t < world.haptics.tool.size() && spec.dof == 6; ++t) {
+    for (uint32_t t = row + 1; t < world.haptics.tool.size(); ++t) {
+        if (spec.dof != 6) {
+            fit(true, world.haptics.tool[t]);
+            continue;
+        }
         ToolSpec other = spec;  // the point shell covers this instrument's own body
         other.body = world.bodies.name[world.haptics.tool[t].body];
         give_shell(scene, other, world, world.haptics.tool[t]);
@@ -521,7 +549,7 @@ BuiltScene build_scene(const SceneFile& given, Looks looks) {
     PrototypeCache prototypes;
     prototypes.looks = looks;
     for (const BodySpec& spec : scene.bodies) add_scene_body(scene, spec, prototypes.get(scene, spec, world, built.warnings), built);
-    for (const ToolSpec& spec : scene.tools) add_tool(scene, spec, world);
+    for (const ToolSpec& spec : scene.tools) add_tool(scene, spec, world, built.warnings);
     for (uint32_t body = 0; body < world.bodies.mesh.size(); ++body) {
         const bool held = find_of_body(world.haptics.tool, body) != kNone, jaw = find_of_body(world.haptics.jaw, body) != kNone;
         if (world.bodies.motion[body] == Motion::kHand && !held && !jaw)

@@ -73,7 +73,9 @@ struct ToolSpec {
     uint32_t line = 0;
     uint32_t dof = 3;        // 3: forces at a sphere at the tip; 6: force and torque on the whole body
     uint32_t points = 1000;  // dof = 6: approximate number of points in the point shell
-    // As it will be, but that with dof = 6 a damping < 0 is critical, and a surface_stiffness of 0 is 100 times coupling_stiffness.
+    bool tip_given = false;  // false: a tip outside the mesh is moved into it
+    // As it will be, but that with dof = 6 a damping < 0 is critical, and a surface_stiffness of 0 is 100 times coupling_stiffness; a
+    // tip_radius of 0 is from the mesh.
     HandTool tool;
     std::string trace;  // recorded device trace; if empty, path
     std::vector<Keyframe> path;

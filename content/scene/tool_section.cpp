@@ -1,4 +1,5 @@
 #include <cmath>
+#include <limits>
 
 #include "content/scene/scene_sections.hpp"
 
@@ -184,8 +185,10 @@ ToolSpec read_tool(TomlSection section) {
     tool.line = section.line();
     section.read("body", tool.body);
     if (tool.body.empty()) section.fail("a [[tool]] needs the name of its body");
-    section.read("tip", tool.tool.tip);
-    tool.tool.tip_radius = 0.006;
+    Vec3d tip = Vec3d::Constant(std::numeric_limits<double>::quiet_NaN());
+    section.read("tip", tip);
+    tool.tip_given = tip.allFinite();
+    if (tool.tip_given) tool.tool.tip = tip;
     section.read("tip_radius", tool.tool.tip_radius, 0, 10);
     section.read_count("dof", tool.dof, 3, 6);
     if (tool.dof != 3 && tool.dof != 6)

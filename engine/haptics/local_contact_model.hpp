@@ -6,6 +6,7 @@
 #include "components/haptic_surface.hpp"
 #include "components/math.hpp"
 #include "components/mesh.hpp"
+#include "components/tool_state.hpp"
 #include "engine/haptics/point_shell_cache.hpp"
 #include "engine/haptics/triangle_groups.hpp"
 namespace trocar {
@@ -53,9 +54,13 @@ struct LocalContactModel {
     PointShellCache point_shell;                     // of a tool with a point shell
     std::vector<HapticSurface> surface;              // of bodies with surface properties other than the tool's
     bool in_hand = true;                             // false: the tool was exchanged for another instrument
+    ToolExit exit;                                   // of a tool inside a body
+    bool placed = false;                             // the next two members are known
+    Vec3d tip = Vec3d::Zero();                       // m, of the simulated tool, where a proxy starts
+    Quat turn;                                       // of it
     TROCAR_FIELDS(time, "s", sequence, from, "m", to, "m", reach, "m", fastest, "m/s", position, "m", velocity, "m/s", triangle, neighbour,
                   body, half_thickness, "m", lanes, group, block, cluster, ball, cluster_ball, compliance, pull, "N", pull_before, "N",
-                  period, "s", point_shell, surface, in_hand);
+                  period, "s", point_shell, surface, in_hand, exit, placed, tip, "m", turn);
 };
 
 }  // namespace trocar

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "engine/contact/contact_constraints.hpp"
+#include "engine/contact/tool_parts.hpp"
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/jobs/parallel.hpp"
 #include "engine/mesh/contact_kernels.hpp"
@@ -234,18 +235,28 @@ void drop_inverted(const Contacts& contacts, ContactConstraintsScratch& scratch)
     }
 }
 
+// Marks the contacts of tools that leave a body.
+void let_go(const Haptics& haptics, const Contacts& contacts, std::vector<uint8_t>& dropped) {
+    for (size_t t = 0; t < haptics.tool.size(); ++t) {
+        if (haptics.state[t].exit.body == kNone) continue;
+        const auto is_part = [&](uint32_t body) { return is_part_of_tool(haptics, haptics.tool[t], body); };
+        for (size_t i = 0; i < dropped.size(); ++i) dropped[i] = dropped[i] || is_part(contacts.body[i]) || is_part(contacts.other[i]);
+    }
+}
+
 constexpr uint32_t kConstraintsPerChunk = 512;
 
 }  // namespace
 
 void make_contact_constraints(const ContactInputs& in, const Contacts& contacts, const Penetrations& penetrations,
-                              ContactConstraintsScratch& scratch, Report& report, ContactConstraints& constraints) {
+                              ContactConstraintsScratch& scratch, Report& report, ContactConstraints& constraints, const Haptics& haptics) {
     const uint32_t count = uint32_t(contacts.pair.size()), bodies = uint32_t(in.surfaces.bodies.mesh.size());
     const uint32_t capacity = in.params.constraint_capacity;
     scratch.count.assign(bodies, 0);
     scratch.dropped.assign(count, 0);
     scratch.inverted.assign(count, 0);
     scratch.exit_pair = kNone;
+    let_go(haptics, contacts, scratch.dropped);
     for (const uint32_t body : contacts.body) ++scratch.count[body];
     for (uint32_t body = 0; body < bodies; ++body) {
         if (scratch.count[body] > capacity) drop_shallowest(capacity, body, contacts, scratch, report);

@@ -1,6 +1,7 @@
 #pragma once
 #include <vector>
 
+#include "components/haptics.hpp"
 #include "components/report.hpp"
 #include "engine/contact/contact_inputs.hpp"
 #include "engine/geometry/exit_grid.hpp"
@@ -27,8 +28,9 @@ struct ContactConstraintsScratch {
 // length; outside points with opposite normals have none. faces: points of a closed body that the body itself
 // separates from a sheet have none. Between a tool or free body and a deformable one, inverted contacts
 // (inverted_contact.hpp) have none while another inside point of the pair has one. (Coarse colliding balls need all
-// their contacts.)
+// their contacts.) Contacts of a tool that leaves a body (ToolState::exit) have none.
 void make_contact_constraints(const ContactInputs& in, const Contacts& contacts, const Penetrations& penetrations,
-                              ContactConstraintsScratch& scratch, Report& report, ContactConstraints& constraints);
+                              ContactConstraintsScratch& scratch, Report& report, ContactConstraints& constraints,
+                              const Haptics& haptics = {});
 
 }  // namespace trocar

@@ -192,6 +192,7 @@ void hold_devices(const Clock& clock, std::span<const DeviceState> held, DeviceS
 // Finds contacts once before the clock starts, so that the first passes find their memory allocated.
 void Frame::warm_up() {
     const Report before = state_->world.report;
+    const std::vector<ToolState> tools_before = state_->world.haptics.state;
     const Sleep sleep_before = state_->world.sleep;
     begin_pass(*state_);
     World& w = state_->world;
@@ -202,6 +203,7 @@ void Frame::warm_up() {
         if (boxed && w.boxes.box.size() <= state_->limits.most_warmed_bodies) reach_out(w);
     }
     state_->world.report = before;
+    for (size_t t = 0; t < tools_before.size(); ++t) w.haptics.state[t].exit = tools_before[t].exit;
     state_->world.sleep = sleep_before;
 }
 

@@ -38,6 +38,7 @@ enum class StageId : uint8_t {
     kPenetration,
     kDeepOverlap,
     kRegions,
+    kToolsInside,
     kContactConstraints,
     kEdgeConstraints,
     kLoadedConstraints,

@@ -5,6 +5,7 @@
 #include "systems/detect/broad/continuous_collision.hpp"
 #include "systems/detect/narrow/penetration.hpp"
 #include "systems/detect/narrow/pierced_bodies.hpp"
+#include "systems/detect/narrow/tools_inside.hpp"
 #include "systems/frame/state.hpp"
 #include "systems/haptics/contact/surface_feel.hpp"
 #include "systems/haptics/frame_ticks.hpp"
@@ -100,8 +101,10 @@ void deep_overlap(World& w, FrameState& f) {
 void regions(World& w, FrameState& f) {
     find_regions(contact_inputs(w), w.screened, w.near, w.contacts, w.contours, f.scratch.regions, w.regions);
 }
+void tools_inside(World& w, FrameState&) { find_tools_inside(contact_inputs(w), w.contacts, w.haptics, w.report); }
 void contact_constraints(World& w, FrameState& f) {
-    make_contact_constraints(contact_inputs(w), w.contacts, w.penetrations, f.scratch.constraints, w.report, w.contact_constraints);
+    make_contact_constraints(contact_inputs(w), w.contacts, w.penetrations, f.scratch.constraints, w.report, w.contact_constraints,
+                             w.haptics);
 }
 void edge_constraints(World& w, FrameState& f) {
     add_edge_constraints(contact_inputs(w), w.candidates, f.scratch.edge_constraints, w.contact_constraints);
@@ -207,6 +210,7 @@ bool any_link(const World& w) { return !w.links.group.empty(); }
 bool any_tear(const World& w) { return !w.tears.body.empty(); }
 bool any_jaw_or_link(const World& w) { return any_pair(w) && (any_link(w) || !w.haptics.jaw.empty()); }
 bool any_excluded(const World& w) { return any_pair(w) && (any_tool(w) || !w.nodes.apart.empty()); }
+bool any_tool_pair(const World& w) { return any_pair(w) && any_tool(w); }
 bool any_fast(const World& w) { return any_pair(w) && (any_tool(w) || !w.bodies.rigid_mass.empty()); }
 bool any_free_pair(const World& w) { return any_pair(w) && !w.bodies.rigid_mass.empty(); }
 bool any_drive(const World& w) { return any_tool(w) && !w.nodes.drive.empty(); }
@@ -276,7 +280,9 @@ constexpr FrameStage kStages[] = {
         mask(R::kPairMemory, R::kPenetrations)}, wants_separation_directions},
     {S::kRegions,         P::kDetection,{"regions",         run<stages::regions>,           kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours),
         mask(R::kRegions)}, wants_regions},
-    {S::kContactConstraints,     P::kDetection,{"contact rows",    run<stages::contact_constraints>,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kContacts, R::kPenetrations),
+    {S::kToolsInside,     P::kDetection,{"tools inside",    run<stages::tools_inside>,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kContacts, R::kTrees, R::kTools),
+        mask(R::kToolState, R::kReport)}, any_tool_pair},
+    {S::kContactConstraints,     P::kDetection,{"contact rows",    run<stages::contact_constraints>,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kContacts, R::kPenetrations, R::kTools, R::kToolState),
         mask(R::kContactConstraints, R::kReport)}, any_pair},
     {S::kEdgeConstraints,        P::kDetection,{"edge constraints",       run<stages::edge_constraints>,         kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates),
         mask(R::kContactConstraints)}, any_free_pair},

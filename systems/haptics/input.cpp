@@ -4,6 +4,7 @@
 
 #include "engine/geometry/quaternion.hpp"
 #include "systems/haptics/contact/device_motion.hpp"
+#include "systems/haptics/contact/push_out.hpp"
 #include "systems/haptics/tool.hpp"
 namespace trocar {
 namespace {
@@ -64,7 +65,8 @@ void follow_devices(const Clock& clock, Haptics& haptics, std::vector<DeviceStat
             DeviceState& device = samples.placed[t * per_tool + ms];
             const double share = static_cast<double>(ms) / static_cast<double>(per_tool - 1);
             device = to;
-            device.position = start + share * displacement;
+            device.position = start + share * displacement +
+                              pushed_after(haptics.state[t].pushed, haptics.state[t].exit.goal, static_cast<double>(ms) * 1e-3);
             device.grip = from.grip + share * (to.grip - from.grip);
             device.orientation = normalized(multiply(from_rotation_vector(share * turn), from.orientation));
         }

@@ -100,6 +100,7 @@ void LiveHaptics::tick(uint64_t index, double time, int64_t now_ns) {
         if (t.setup.link && model.in_hand) t.setup.link->write(t.state.output, now_ns);
         if (model.reach > 0) figures_.contact_age.add(static_cast<int64_t>((time - model.time) * 1e9));
         figures_.max_force = std::max(figures_.max_force, t.state.largest_force);
+        figures_.max_force_wanted = std::max(figures_.max_force_wanted, t.state.largest_wanted);
         t.newest.back() = t.state;
         t.newest.publish();
         if (recorder_.record)
@@ -125,9 +126,11 @@ void take_tool_state(const ToolState& newest, ToolState& state) {
     const double grip_moment = state.grip_moment, grip_torque = state.grip_torque;
     const ToolPass last_pass = state.last_pass;
     const ToolPierce pierce = state.pierce;
+    const ToolExit exit = state.exit;
     state = newest;
     state.last_pass = last_pass;
     state.pierce = pierce;
+    state.exit = exit;
     state.link_force = link_force;
     state.link_force_before = link_force_before;
     state.coupling_force = coupling_force;

@@ -28,8 +28,9 @@ struct LiveRecorder {
 };
 
 struct LiveFigures {
-    TimeHistogram contact_age;  // age of the surface used for each force, ns
-    double max_force = 0;       // N
+    TimeHistogram contact_age;    // age of the surface used for each force, ns
+    double max_force = 0;         // N, within the limits
+    double max_force_wanted = 0;  // N, before them
 };
 
 // Copies the results of a tick (device, proxy, contacts, command, counters) into the simulation's tool state,

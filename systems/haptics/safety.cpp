@@ -18,25 +18,16 @@ bool is_finite(const DeviceCommand& c) {
 }
 
 // `force` plus the damping that takes an energy debt back, within the limits.
-Vec3d damped(const Dissipation& limits, double dt, const Vec3d& velocity, double least_speed2, const Vec3d& force, double& energy,
+Vec3d damped(const Dissipation& limits, double dt, const Vec3d& velocity, double least_speed2, const Vec3d& force, double energy,
              double& dissipated) {
     const double speed2 = velocity.squaredNorm();
     if (!(energy < 0 && force.squaredNorm() > 0 && speed2 > least_speed2 && limits.damping > 0)) return force;
     const Vec3d felt = limited_to(force - std::min(-energy / (dt * speed2), limits.damping) * velocity, limits.most);
-    const double taken = std::max(0.0, (limited_to(force, limits.most) - felt).dot(velocity) * dt);
-    dissipated += taken;
-    energy += taken;
+    dissipated += std::max(0.0, (limited_to(force, limits.most) - felt).dot(velocity) * dt);
     return felt;
 }
 
 }  // namespace
-
-Vec3d limited_to(const Vec3d& v, double most) {
-    const double length = v.norm();
-    if (!std::isfinite(length) || most <= 0) return Vec3d::Zero();
-    // slightly below the limit, so that rounding never exceeds it
-    return length > most ? Vec3d(v * (most * (1 - 1e-12) / length)) : v;
-}
 
 Vec3d dissipate(const Dissipation& limits, double dt, const CouplingEnds& ends, const Vec3d& pull, const Vec3d& contact_force,
                 SafetyState& state) {
@@ -51,9 +42,8 @@ Vec3d dissipate(const Dissipation& limits, double dt, const CouplingEnds& ends, 
     state.lowest_energy = std::min(state.lowest_energy, state.energy);
     state.from_device = device;
     state.from_proxy = proxy;
-    state.contact_force = contact_force;
     state.pull = pull;
-    const Vec3d force = damped(limits, dt, velocity, 1e-12, contact_force, state.energy, state.dissipated);
+    const Vec3d force = state.contact_force = damped(limits, dt, velocity, 1e-12, contact_force, state.energy, state.dissipated);
     // out of contact a coupling stores nothing: energy lost to friction is no credit for the next touch
     if (contact_force.squaredNorm() == 0) state.energy = std::min(state.energy, 0.0);
     return force;
@@ -68,9 +58,8 @@ Vec3d dissipate_turning(const Dissipation& limits, double dt, const TurningEnds&
     state.lowest_turn_energy = std::min(state.lowest_turn_energy, state.turn_energy);
     state.from_device_turn = device;
     state.from_proxy_turn = proxy;
-    state.contact_torque = contact_torque;
     state.pull_torque = pull;
-    const Vec3d torque = damped(limits, dt, spin, 1e-9, contact_torque, state.turn_energy, state.dissipated);
+    const Vec3d torque = state.contact_torque = damped(limits, dt, spin, 1e-9, contact_torque, state.turn_energy, state.dissipated);
     if (contact_torque.squaredNorm() == 0) state.turn_energy = std::min(state.turn_energy, 0.0);
     return torque;
 }

@@ -1,10 +1,8 @@
 #pragma once
 #include "components/device.hpp"
 #include "components/tool_state.hpp"
+#include "systems/haptics/contact/device_motion.hpp"
 namespace trocar {
-
-// `v` shortened to at most `most`, direction kept; zero if not finite.
-Vec3d limited_to(const Vec3d& v, double most);
 
 // Largest damping that takes energy back (N s/m), and the device's limit (N); for rotation N m s/rad and N m.
 struct Dissipation {
@@ -28,10 +26,10 @@ struct TurningEnds {
 // (`contact_force`), held for a tick; the proxy feels the virtual coupling force itself, `pull`. While F
 // still approaches the pull they differ, and the difference counts. A coupling can only store energy, so E
 // below zero was generated, by sample-and-hold or by ramps. Damping along the motion is then added to take it
-// back within the tick, within `limits`: the passivity observer and controller of Hannaford & Ryu (IEEE
-// Trans. Robotics and Automation 18(1), 2002) for the two ports of the coupling, so that moving tissue may
-// push the hand. Only the damping that the limits allow counts as taken back. A positive E at the end of a
-// contact is discarded; a debt is kept.
+// back, within `limits`: the passivity observer and controller of Hannaford & Ryu (IEEE Trans. Robotics and
+// Automation 18(1), 2002) for the two ports of the coupling, so that moving tissue may push the hand. F includes
+// that damping: what it took back shows in the positions that the device reports next, not in a velocity, which
+// encoder steps and filters distort. A positive E at the end of a contact is discarded; a debt is kept.
 Vec3d dissipate(const Dissipation& limits, double dt, const CouplingEnds& ends, const Vec3d& pull, const Vec3d& contact_force,
                 SafetyState& state);
 

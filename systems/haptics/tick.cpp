@@ -6,6 +6,7 @@
 
 #include "engine/base/check.hpp"
 #include "systems/haptics/contact/device_motion.hpp"
+#include "systems/haptics/contact/push_out.hpp"
 #include "systems/haptics/contact/surface_feel.hpp"
 namespace trocar {
 namespace {
@@ -94,9 +95,10 @@ void update_proxy(const LocalContactModel& model, const TickSpan& span, const Ha
     constexpr double kSlow = 1e-3;  // m/s
     const Vec3d goal = state.device.position;
     if (!state.proxy_valid) {
-        state.proxy = goal;
+        if (push_out(model, state)) return;
+        state.proxy = proxy_start(model, state).tip;
         state.contacts = 0;
-        state.proxy_valid = is_clear(goal, scratch);
+        state.proxy_valid = is_clear(state.proxy, scratch);
         return;
     }
     const Room room{state.proxy, span.travel};
@@ -124,8 +126,8 @@ Vec3d limited(const Vec3d& v, double most) {
 }
 
 // Force of the coupling on the hand, N.
-Vec3d coupling_force(const HandTool& tool, const SurfaceFeel& feel, const ToolState& state, const Vec3d& surface_velocity) {
-    if (!state.proxy_valid || state.contacts == 0) return Vec3d::Zero();
+Vec3d coupling_force(const SurfaceFeel& feel, const ToolState& state, const Vec3d& surface_velocity) {
+    if (state.contacts == 0) return Vec3d::Zero();
     const Vec3d spring = feel.stiffness * (state.proxy - state.device.position);
     const double pull = spring.norm();
     if (pull == 0) return Vec3d::Zero();
@@ -133,8 +135,7 @@ Vec3d coupling_force(const HandTool& tool, const SurfaceFeel& feel, const ToolSt
     const double speed = (state.device.velocity - surface_velocity).dot(direction);
     // damping starts from zero with the spring, so that first contact and release are continuous
     const double damping = std::clamp(-feel.damping * speed, -pull, pull);
-    // slightly below the maximum, so that rounding never exceeds it
-    return limited((pull + damping) * direction, tool.max_force * (1 - 1e-12));
+    return (pull + damping) * direction;
 }
 
 // Force on the hand (N) between the last command and `wanted`: as far as the motions since then justify plus
@@ -162,7 +163,7 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     if (!state.device_valid) return;
     state.gain = next_gain(params, tool.limits, accepted, time - state.device.time, state.model_age, span.elapsed, state.gain);
 
-    const Vec3d centre = state.proxy_valid ? state.proxy : state.device.position;
+    const Vec3d centre = state.proxy_valid ? state.proxy : proxy_start(model, state).tip;
     const double device_way = (state.device.position - last.position).norm();
     span.before.follow = surface_follow(params, model.compliance, last.position, time - span.elapsed);
     span.now.follow = surface_follow(params, model.compliance, state.device.position, time);
@@ -189,10 +190,12 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
             drift += (span.now.follow - span.before.follow) / span.elapsed;
     }
     const SurfaceFeel feel = feel_of(tool, model, state.touched, state.sliding);
-    state.pull = state.gain * coupling_force(tool, feel, state, drift);
+    const Vec3d coupling = coupling_force(feel, state, drift);
+    state.largest_wanted = std::max(state.largest_wanted, state.gain * coupling.norm());
+    // slightly below the maximum, so that rounding never exceeds it
+    state.pull = state.gain * limited(coupling, tool.max_force * (1 - 1e-12));
     state.command.force =
         accepted ? slewed_force(params, tool, feel, span, state.pull, drift, last, last_gain, state) : Vec3d(Vec3d::Zero());
-    state.largest_force = std::max(state.largest_force, state.command.force.norm());
 }
 
 HapticParams haptic_params(uint32_t contact_rate) {
@@ -208,6 +211,7 @@ void sum_tool_counters(Haptics& haptics) {
         haptics.ticks += state.ticks;
         haptics.rejected_samples += state.rejected_samples;
         haptics.max_force = std::max(haptics.max_force, state.largest_force);
+        haptics.max_force_wanted = std::max(haptics.max_force_wanted, state.largest_wanted);
     }
 }
 

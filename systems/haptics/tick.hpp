@@ -14,7 +14,7 @@ namespace trocar {
 // coupling_damping * velocity (relative to the surface, never pulling, never more than the spring), at most
 // tool.max_force; zero without contact.
 // Zero at once after a rejected sample, fading when model or device stop coming, restored over
-// params.rise_time. A sphere that starts inside tissue gets no force until it has been clear once.
+// params.rise_time. A sphere inside tissue is pushed out (push_out.hpp).
 // Same code in lockstep and live; depends on its arguments alone; no allocation once warm.
 void haptic_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool, const DeviceState& sample,
                  HapticScratch& scratch, ToolState& state);

@@ -7,6 +7,7 @@
 #include "engine/base/check.hpp"
 #include "engine/devices/simulated_hand.hpp"
 #include "systems/haptics/contact/device_motion.hpp"
+#include "systems/haptics/contact/push_out.hpp"
 #include "systems/haptics/contact/surface_feel.hpp"
 #include "systems/haptics/effects.hpp"
 #include "systems/haptics/manipulator.hpp"
@@ -83,7 +84,7 @@ void rest_tool(const HapticParams& params, const LocalContactModel& model, doubl
     state.contact.clear();
     state.touched = kNone;
     state.command = state.output = {};
-    state.carried = state.pull = state.pull_torque = Vec3d::Zero();
+    state.carried = state.pull = state.pull_torque = state.pushed = Vec3d::Zero();
     state.effect = {};
     SafetyState& safety = state.safety;
     safety.gain = 0;
@@ -102,6 +103,7 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     }
     const bool first = !state.device_valid;
     const double elapsed = first ? 0 : time - state.time;
+    if (!first) state.pushed = pushed_after(state.pushed, model.exit.goal, std::max(0.0, elapsed));
     const uint64_t rejected = state.rejected_samples;
     const uint32_t buttons = first ? sample.buttons : state.device.buttons;
     const bool touched = state.contacts > 0, was_limiting = state.safety.limiting;
@@ -136,11 +138,12 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     const HapticSurface* surface = model.surface.empty() ? nullptr : surface_of(model, state.touched);
     const Vec3d felt =
         surface ? textured_force(*surface, state.model_age, feel.stiffness, state, state.command.force) : state.command.force;
-    const Vec3d proxy = state.proxy_valid ? state.proxy : state.device.position;
+    const bool held = state.proxy_valid || state.contacts > 0;
+    const Vec3d proxy = held ? state.proxy : state.device.position;
     wanted.force = dissipate({tool.limits.dissipation, tool.max_force}, params.dt, {state.device.position, state.device.velocity, proxy},
                              safety.gain * state.pull, safety.gain * felt, safety);
     if (!tool.point_shell.empty()) {
-        const Quat& turn = state.proxy_valid ? state.proxy_turn : state.device.orientation;
+        const Quat& turn = held ? state.proxy_turn : state.device.orientation;
         const Vec3d twist = (touched_position(state) - state.proxy).cross(felt - state.command.force);
         wanted.torque = dissipate_turning({tool.limits.turn_dissipation, tool.limits.torque}, params.dt,
                                           {state.device.orientation, state.device_spin, turn}, safety.gain * state.pull_torque,
@@ -156,6 +159,7 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     limit_command(tool.limits, tool.max_force, params.dt, refused || state.gain == 0,
                   command_for_device(tool, state.device, state.clutch, wanted), safety, state.output);
     state.largest_force = std::max(state.largest_force, state.output.force.norm());
+    state.largest_wanted = std::max(state.largest_wanted, wanted.force.norm());
 
     const uint32_t pressed = state.device.buttons & ~buttons, released = buttons & ~state.device.buttons;
     if (triggers.touch) add_event(HapticEventKind::kTouch, time, 0, state.events);
@@ -186,8 +190,10 @@ void predict_tool(const HandTool& tool, double dt, const ToolState& state, std::
     TROCAR_ASSERT(intended.size() == placed.size());
     HandModelState hand = state.hand;
     ClutchState clutch = state.clutch;
-    for (size_t k = 0; k < intended.size(); ++k)
+    for (size_t k = 0; k < intended.size(); ++k) {
         placed[k] = place_tool(tool, hand_sample(tool, intended[k], dt, state.output, hand), clutch);
+        placed[k].position += pushed_after(state.pushed, state.exit.goal, static_cast<double>(k) * dt);
+    }
 }
 
 }  // namespace trocar

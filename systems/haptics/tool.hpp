@@ -22,8 +22,8 @@ void rehearse_tick(const HapticParams& params, const LocalContactModel& model, c
 // (tool.hand) the one to which forces moved it in a tick under the last output.
 DeviceState hand_sample(const HandTool& tool, const DeviceState& intended, double dt, const DeviceCommand& output, HandModelState& hand);
 
-// Poses of a tool at the coming ticks; `intended` has one sample per tick. Exact for a hand that forces do
-// not move, else under the assumption of constant forces. Changes no state.
+// Poses of a simulated tool at the coming ticks, moved out of a body if it is inside one; `intended` has one sample per tick. Exact for a
+// hand that forces do not move, else under the assumption of constant forces. Changes no state.
 void predict_tool(const HandTool& tool, double dt, const ToolState& state, std::span<const DeviceState> intended,
                   std::span<DeviceState> placed);
 

@@ -43,6 +43,10 @@ bool is_free(const AdvanceIsland& island, uint32_t node) {
     return n.particle == kNone && n.owner < island.rigid.size() && island.rigid[n.owner].free != kNone;  // the massless node has no owner
 }
 
+bool has_held_side(const AdvanceIsland& island, const PreparedConstraint& constraint) {
+    return std::ranges::any_of(constraint.angular.free, [&](uint32_t free) { return free != kNone && island.free[free].held; });
+}
+
 // Moves a node by a correction, visible to constraints solved later. A node pressed from opposite sides does
 // not move at once: its constraints' displacements are summed over a sweep, then meet_midway moves it.
 void move_node(uint32_t node, Vec4d move, uint8_t sweep, ContactNodeSet& nodes) {
@@ -295,7 +299,8 @@ bool correct_group(const AdvanceCall& call, const ContactConstraints& constraint
         if (!(constraint.effective_mass > 0) || (sweep.stamp > 1 && constraint.turns())) continue;
         const double overlap = -separation_after(island, constraint, normal);
         if (!(overlap > sweep.least) || (sweep.stamp > 1 && overlap > sweep.most)) continue;
-        add_correction(call, constraints, constraint, std::min(overlap, sweep.most) * normal, sweep.stamp, island);
+        const double share = has_held_side(island, constraint) ? sweep.held : 1;
+        add_correction(call, constraints, constraint, std::min(share * overlap, sweep.most) * normal, sweep.stamp, island);
         corrected = true;
     }
     corrected = correct_wide_constraints(call, constraints, sweep, group, solver, island.nodes) || corrected;
@@ -321,7 +326,7 @@ bool may_undo(const AdvanceCall& call, const AdvanceIsland& island) {
 // One sweep over all groups; then each group's remaining sweeps in a row, while it is in the cache; then
 // up to 15 x `iterations` sweeps over all groups while an overlap exceeds the tolerance. Returns whether any
 // constraint was corrected.
-bool correct_groups(const AdvanceCall& call, const ContactConstraints& constraints, double most, ContactSolver& solver,
+bool correct_groups(const AdvanceCall& call, const ContactConstraints& constraints, double most, double held, ContactSolver& solver,
                     AdvanceIsland& island) {
     constexpr uint32_t kLastStamp = 254;
     const double tolerance = std::max(kRestingOverlap, call.params.contact.tolerance);
@@ -333,7 +338,7 @@ bool correct_groups(const AdvanceCall& call, const ContactConstraints& constrain
         forget_displacements(solver, group, island.nodes);
     });
     for_each_group(solver, [&](ConstraintGroup& group) {
-        correct_group(call, constraints, {kRestingOverlap, most, 1, 0}, solver, island, group);
+        correct_group(call, constraints, {kRestingOverlap, most, held, 1, 0}, solver, island, group);
     });
     if (!any_corrected(solver, 1)) return false;
     for_each_group(solver, [&](const ConstraintGroup& group) { meet_midway(solver, group, 1, island.nodes); });
@@ -342,13 +347,13 @@ bool correct_groups(const AdvanceCall& call, const ContactConstraints& constrain
     for_each_group(solver, [&](ConstraintGroup& group) {
         uint8_t stamp = 1;
         while (++stamp <= sweeps &&
-               correct_group(call, constraints, {kRestingOverlap, most, stamp, static_cast<uint8_t>(stamp - 1)}, solver, island, group)) {
+               correct_group(call, constraints, {kRestingOverlap, most, held, stamp, static_cast<uint8_t>(stamp - 1)}, solver, island, group)) {
         }
     });
     uint8_t since = 2;
     for (uint8_t stamp = sweeps + 1; stamp <= last; since = stamp++) {
         for_each_group(solver, [&](ConstraintGroup& group) {
-            correct_group(call, constraints, {tolerance, most, stamp, since}, solver, island, group);
+            correct_group(call, constraints, {tolerance, most, held, stamp, since}, solver, island, group);
         });
         if (!any_corrected(solver, stamp)) break;
     }
@@ -376,7 +381,8 @@ void correct_positions(const AdvanceCall& call, ContactSolver& solver, AdvanceIs
     const uint64_t ms = started(end) - started(begin);  // starting in this substep
     if (ms > 0) {
         const double most = params.contact.push_speed * 1e-3 * static_cast<double>(ms);
-        const bool any = correct_groups(call, state.constraints, most, solver, island);
+        const double held = static_cast<double>(ms) / params.ticks;
+        const bool any = correct_groups(call, state.constraints, most, held, solver, island);
         if (any) make_moves(most, island);
         if (any && any_angular(solver)) finish_free_corrections(call, most, island, result);
     }

@@ -228,7 +228,10 @@ std::string metrics_json(const RunFigures& f) {
     j["scale"] = scale_json(f);
     if (!f.pair.empty()) j["pairs"] = pairs_json(f);
     j["render"] = percentiles(f.render_ms, "ms");
-    j["haptics"] = {{"ticks", f.ticks}, {"max_force_n", f.max_force}, {"tick", percentiles(f.tick_us, "us")}};
+    j["haptics"] = {{"ticks", f.ticks},
+                    {"max_force_n", f.max_force},
+                    {"max_force_wanted_n", f.max_force_wanted},
+                    {"tick", percentiles(f.tick_us, "us")}};
     if (f.live) {
         j["haptics"]["period"] = percentiles(f.tick_period_us, "us");
         j["haptics"]["contact_age"] = percentiles(f.contact_age_ms, "ms");

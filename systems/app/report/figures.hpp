@@ -95,7 +95,8 @@ struct RunFigures {
     std::vector<StageFigures> stage;
     std::vector<double> render_ms;
     uint64_t ticks = 0;
-    double max_force = 0;                // N
+    double max_force = 0;                // N, within the limits
+    double max_force_wanted = 0;         // N, before them
     std::vector<double> tick_us;         // compute time of every haptic tick
     std::vector<double> tick_period_us;  // live only
     std::vector<double> contact_age_ms;  // live only

@@ -282,6 +282,7 @@ bool run_live(const RunParts& run, LiveRecording* recording) {
     const PeriodicFigures& timing = haptics.timing();
     figures.ticks = timing.compute.count;
     figures.max_force = haptics.figures().max_force;
+    figures.max_force_wanted = haptics.figures().max_force_wanted;
     figures.tick_us = samples(timing.compute, 1e3);
     figures.tick_period_us = samples(timing.period, 1e3);
     figures.contact_age_ms = samples(haptics.figures().contact_age, 1e6);

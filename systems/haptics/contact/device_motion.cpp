@@ -38,6 +38,13 @@ void follow_motion(const HapticParams& params, const DeviceState& sample, ToolSt
 
 }  // namespace
 
+Vec3d limited_to(const Vec3d& v, double most) {
+    const double length = v.norm();
+    if (!std::isfinite(length) || most <= 0) return Vec3d::Zero();
+    // slightly below the limit, so that rounding never exceeds it
+    return length > most ? Vec3d(v * (most * (1 - 1e-12) / length)) : v;
+}
+
 bool take_sample(const HapticParams& params, const DeviceState& sample, ToolState& state) {
     if (!is_plausible(params, sample, state)) {
         ++state.rejected_samples;

@@ -5,6 +5,9 @@
 #include "engine/haptics/local_contact_model.hpp"
 namespace trocar {
 
+// `v` shortened to at most `most`, direction kept; zero if not finite.
+Vec3d limited_to(const Vec3d& v, double most);
+
 // Accepts the sample into state.device, or rejects and counts it: not finite, out of order, farther or faster
 // than a hand can move. A rejected sample leaves the device at its last position.
 bool take_sample(const HapticParams& params, const DeviceState& sample, ToolState& state);

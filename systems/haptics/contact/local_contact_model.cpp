@@ -12,6 +12,7 @@
 #include "engine/haptics/point_shell.hpp"
 #include "engine/mesh/contact_kernels.hpp"
 #include "engine/mesh/mesh_view.hpp"
+#include "systems/haptics/contact/push_out.hpp"
 namespace trocar {
 namespace {
 
@@ -182,9 +183,10 @@ struct ShellPlaces {
     Vec3d tip, device;
     Quat turn, device_turn;
 };
-ShellPlaces shell_places(const ToolState& state) {
+ShellPlaces shell_places(const ToolState& state, const LocalContactModel& model) {
     const DeviceState& device = state.device;
-    if (!state.proxy_valid) return {device.position, device.position, device.orientation, device.orientation};
+    const ProxyStart start = proxy_start(model, state);
+    if (!state.proxy_valid) return {start.tip, device.position, start.turn, device.orientation};
     return {state.proxy, device.position, state.proxy_turn, device.orientation};
 }
 Box shell_box(const Surfaces& s, uint32_t body, std::span<const ShellPoint> points, const ShellPlaces& at, uint32_t run, double reach) {
@@ -207,7 +209,7 @@ void mark_within_reach(const HapticParams& params, const Surfaces& s, uint32_t b
         mark_triangles(s, body, {&box, 1}, params.greatest_age, scratch);
         return;
     }
-    const ShellPlaces at = shell_places(state);
+    const ShellPlaces at = shell_places(state, out);
     const auto points = points_at_grip(tool, state.device.grip, scratch.open);
     std::array<Box, kShellRuns> boxes;
     for (uint32_t run = 0; run < kShellRuns; ++run) boxes[run] = shell_box(s, body, points, at, run, reach);
@@ -381,8 +383,14 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
     out.sequence = pass.sequence;
     out.period = pass.period;
     out.in_hand = pass.in_hand;
+    out.exit = state.exit;
+    out.placed = tool.body < surfaces.poses.origin.size();
+    if (out.placed) {
+        out.turn = surfaces.poses.orientation[tool.body];
+        out.tip = surfaces.poses.origin[tool.body] + rotate(out.turn, tool.tip);
+    }
     out.from = state.device.position;
-    out.to = state.proxy_valid ? state.proxy : state.device.position;
+    out.to = state.proxy_valid ? state.proxy : proxy_start(out, state).tip;
     const double turning = state.device_spin.norm() * tool.shell_radius;
     const double speed = std::max(params.tool_speed, 1.5 * (state.device.velocity.norm() + turning));
     out.reach = tool.tip_radius + speed * params.greatest_age + params.reach_margin;
@@ -403,7 +411,7 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
 void publish_point_shell_cache(const HapticParams& params, const HandTool& tool, const ToolState& state, LocalContactScratch& scratch,
                                LocalContactModel& out) {
     build_surface_trees(scratch.tree, out);
-    const ShellPlaces at = shell_places(state);
+    const ShellPlaces at = shell_places(state, out);
     PointShellCache& point_shell = out.point_shell;
     point_shell.tip = at.tip;
     point_shell.turn = at.turn;

@@ -10,6 +10,7 @@
 #include "engine/geometry/quaternion.hpp"
 #include "engine/haptics/point_shell.hpp"
 #include "systems/haptics/contact/device_motion.hpp"
+#include "systems/haptics/contact/push_out.hpp"
 #include "systems/haptics/contact/surface_feel.hpp"
 namespace trocar {
 namespace {
@@ -555,18 +556,26 @@ void point_shell_tick(const HapticParams& params, const LocalContactModel& model
     const Vec3d device_turn = rotation_vector(normalized(last.orientation), state.device.orientation);
     state.device_spin = span.elapsed > 0 ? Vec3d(device_turn / span.elapsed) : Vec3d(Vec3d::Zero());
     const double surface_travel = model.fastest * std::abs(span.now.age - span.before.age) + (span.now.follow - span.before.follow).norm();
-    Pose pose = state.proxy_valid ? Pose{state.proxy, state.proxy_turn} : Pose{state.device.position, state.device.orientation};
+    const ProxyStart start = proxy_start(model, state);
+    Pose pose = state.proxy_valid ? Pose{state.proxy, state.proxy_turn} : Pose{start.tip, start.turn};
     pose.grip = state.device.grip;
     pose.reach = tool.shell_jaw.empty() ? 0 : jaw_reach(tool);
     pose.point = points_at_grip(tool, pose.grip, scratch.open);
     pose.point_before = points_at_grip(tool, last.grip, scratch.opened);
     const double jaw_travel = pose.reach * std::abs(pose.grip - last.grip);
-    update_shell(model, tool, span, pose, scratch, state);
+    const bool inside = !state.proxy_valid && push_out(model, state);
+    if (inside)
+        scratch.plane.clear();
+    else
+        update_shell(model, tool, span, pose, scratch, state);
     const double damping = damp_contacts(model, state.device, state.device_spin, scratch.plane, state.contact);
     note_touch(span.elapsed, scratch.plane, state);
 
-    state.contacts = static_cast<uint32_t>(state.contact.size());
     Wrench wanted = sum_contacts(state.contact);
+    if (inside)
+        wanted.force = limited_to(tool.coupling_stiffness * state.pushed, tool.max_force);
+    else
+        state.contacts = static_cast<uint32_t>(state.contact.size());
     wanted.force *= state.gain;
     wanted.torque *= state.gain;
     state.pull = wanted.force;
@@ -582,7 +591,6 @@ void point_shell_tick(const HapticParams& params, const LocalContactModel& model
     } else {
         state.command = {};
     }
-    state.largest_force = std::max(state.largest_force, state.command.force.norm());
 }
 
 }  // namespace trocar

@@ -66,8 +66,7 @@ struct PointShellScratch {
 // A point moves at most 0.5 mm beyond its distance from the surface, or as far as a surface that moved in
 // pushes it: a farther device is followed over several ticks, with the force of the balance.
 // Zero after a rejected sample, fading when model or device stop coming; a change that the motion of the
-// device does not explain ramps in. A shell that starts inside tissue gets no force until all of it has been
-// outside once.
+// device does not explain ramps in. A shell inside tissue is pushed out (push_out.hpp).
 // Same code in lockstep and live; depends on its arguments alone; no allocation once warm.
 void point_shell_tick(const HapticParams& params, const LocalContactModel& model, double time, const HandTool& tool,
                       const DeviceState& sample, PointShellScratch& scratch, ToolState& state);

@@ -689,7 +689,7 @@ TEST(HapticTick, T16ClampKeepsTheDirection) {
     const Vec3d force = rig.rest(200);
     EXPECT_NEAR(force.norm(), 3.3, 1e-9);
     EXPECT_NEAR(force.normalized().dot(free_force.normalized()), 1, 1e-12);
-    EXPECT_NEAR(rig.state.largest_force, free_force.norm(), 1e-6);
+    EXPECT_NEAR(rig.state.largest_wanted, free_force.norm(), 1e-6);
 }
 
 // Outside the model's region surfaces are unknown: no force there, and none without a model.
