@@ -20,7 +20,7 @@ bool push_out(const LocalContactModel& model, ToolState& state) {
 
 ProxyStart proxy_start(const LocalContactModel& model, const ToolState& state) {
     constexpr double kApart = 1e-3;  // m
-    const bool apart = model.placed && (model.tip - state.device.position).norm() > kApart;
+    const bool apart = model.placed && state.pushed != Vec3d::Zero() && (model.tip - state.device.position).norm() > kApart;
     return apart ? ProxyStart{model.tip, model.turn} : ProxyStart{state.device.position, state.device.orientation};
 }
 

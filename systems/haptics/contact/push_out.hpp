@@ -14,7 +14,7 @@ Vec3d pushed_after(const Vec3d& pushed, const Vec3d& goal, double seconds);
 // Holds the proxy of a tool inside a body where it is pushed to. False: it is in none.
 bool push_out(const LocalContactModel& model, ToolState& state);
 
-// Where a proxy starts: with the device, or, if contact keeps the simulated tool elsewhere, with it.
+// Where a proxy starts: with the device, or with the simulated tool that was pushed out of a body.
 struct ProxyStart {
     Vec3d tip = Vec3d::Zero();
     Quat turn;
