@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "engine/contact/contact_constraints.hpp"
 #include "engine/contact/tool_parts.hpp"
@@ -132,6 +133,42 @@ Support find_support(const Surfaces& s, const Contacts& contacts, uint32_t i) {
     return best;
 }
 
+constexpr double kAnyTurn = std::numeric_limits<double>::infinity();
+
+// Whether a rigid body's surface goes on beyond a contact point towards the plane: the contact then belongs to another point, and
+// its plane, tilted against the surface, would stop or lift what slides along it. A normal lies opposite to the point's own
+// normal cone, which has no width in a direction in which the surface is flat; elsewhere it may be off by three times what the
+// surface bends, and by `turn` (rad), by which the body may turn in the period.
+bool slopes_on(const Surfaces& s, const Contacts& contacts, uint32_t i, const Vec3d& plane_normal, double turn) {
+    constexpr double kFlat = 1e-3;  // sine: above what rounding leaves of flat faces
+    const uint32_t body = contacts.body[i];
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    const auto [v, w] = contacts.vertex[i];
+    const Vec3d point = mesh.position[v] + double{contacts.along[i]} * (mesh.position[w] - mesh.position[v]);
+    const auto for_each_triangle = [&](const auto& visit) {
+        for (uint32_t k = mesh.incident_first[v]; k < mesh.incident_first[v + 1]; ++k)
+            if (const Triangle& t = mesh.triangle[mesh.incident[k]]; t[0] == w || t[1] == w || t[2] == w) visit(t);
+    };
+    Vec3d outward = Vec3d::Zero();
+    for_each_triangle(
+        [&](const Triangle& t) { outward += triangle_normal(mesh.position[t[0]], mesh.position[t[1]], mesh.position[t[2]]); });
+    outward.normalize();
+    const Vec3d normal = rotate_back(s.poses.orientation[body], plane_normal);
+    bool slopes = false, sharp = false;
+    const auto test = [&](uint32_t q) {
+        const Vec3d edge = (mesh.position[q] - point).normalized();
+        const double bend = std::abs(edge.dot(outward));
+        sharp |= bend > kFlat;
+        slopes |= -edge.dot(normal) > (bend < kFlat ? kFlat : 3 * bend + turn);
+    };
+    for_each_triangle([&](const Triangle& t) {
+        for (const uint32_t q : t)
+            if (q != v && q != w) test(q);
+    });
+    if (v != w && !sharp) test(v), test(w);
+    return slopes;
+}
+
 // Whether a point of a closed body lies beyond a sheet that has entered the body: its own surface faces away
 // from the sheet, so the body is in between. A contact of the sheet's face resolves the overlap.
 bool is_beyond_sheet(const Surfaces& s, const Contacts& contacts, uint32_t i) {
@@ -188,6 +225,13 @@ bool make_constraint(const ContactInputs& in, const Contacts& contacts, const Pe
         return surfaces.bodies.motion[b] == Motion::kHand || surfaces.bodies.motion[b] == Motion::kFree;
     };
     scratch.inverted[i] = (is_pushed(body) || is_pushed(other)) && !both_rigid && along_nearest && leaves_inverted(surfaces, contacts, i);
+    if ((both_rigid || surfaces.bodies.motion[body] == Motion::kStatic) && contacts.third[i] == kNone) {
+        const bool inside = at.distance < -in.params.tolerance;
+        const double turn = inside ? kAnyTurn : surfaces.poses.angular_velocity[body].norm() * in.period;
+        const bool slopes = slopes_on(surfaces, contacts, i, at.normal, turn);
+        if (slopes && !inside) return false;
+        scratch.slopes[i] = slopes && along_nearest;
+    }
     // it would oppose the separation
     if (at.distance >= 0 && at.normal.dot(lead) < 0) return false;
     Vec3d normal = at.normal;
@@ -220,18 +264,21 @@ bool make_constraint(const ContactInputs& in, const Contacts& contacts, const Pe
     return true;
 }
 
-// Marks inverted contacts of pairs that other inside points separate. In a fold of thin tissue the nearest
-// surface is the far side: a tool or free body would be caught and pull the tissue over itself like a sock.
-void drop_inverted(const Contacts& contacts, ContactConstraintsScratch& scratch) {
+// Marks inverted contacts of pairs that other inside points separate, and sloping ones of pairs that have another as deep. In a
+// fold of thin tissue the nearest surface is the far side: a tool or free body would be caught and pull the tissue over itself
+// like a sock.
+void drop_contacts(double tolerance, const Contacts& contacts, ContactConstraintsScratch& scratch) {
     const uint32_t count = uint32_t(contacts.pair.size());
     for (uint32_t first = 0, end = 0; first < count; first = end) {
-        bool any = false, others = false;
+        bool any = false;
+        double deepest = 0;
         for (end = first; end < count && contacts.pair[end] == contacts.pair[first]; ++end) {
-            any = any || scratch.inverted[end];
-            others = others || (contacts.distance[end] < 0 && !scratch.dropped[end] && !scratch.inverted[end]);
+            any = any || scratch.inverted[end] || scratch.slopes[end];
+            if (!scratch.dropped[end] && !scratch.inverted[end] && !scratch.slopes[end])
+                deepest = std::max(deepest, -contacts.distance[end]);
         }
-        if (!any || !others) continue;
-        for (uint32_t i = first; i < end; ++i) scratch.dropped[i] = scratch.dropped[i] || scratch.inverted[i];
+        for (uint32_t i = first; any && deepest > 0 && i < end; ++i)
+            scratch.dropped[i] |= scratch.inverted[i] || (scratch.slopes[i] && -contacts.distance[i] <= deepest + tolerance);
     }
 }
 
@@ -255,6 +302,7 @@ void make_contact_constraints(const ContactInputs& in, const Contacts& contacts,
     scratch.count.assign(bodies, 0);
     scratch.dropped.assign(count, 0);
     scratch.inverted.assign(count, 0);
+    scratch.slopes.assign(count, 0);
     scratch.exit_pair = kNone;
     let_go(haptics, contacts, scratch.dropped);
     for (const uint32_t body : contacts.body) ++scratch.count[body];
@@ -271,7 +319,7 @@ void make_contact_constraints(const ContactInputs& in, const Contacts& contacts,
         for (uint32_t i = begin; i < end; ++i)
             scratch.dropped[i] = scratch.dropped[i] || !make_constraint(in, contacts, penetrations, i, scratch, constraints);
     });
-    drop_inverted(contacts, scratch);
+    drop_contacts(in.params.tolerance, contacts, scratch);
     remove_constraints(scratch.dropped, constraints);
 }
 

@@ -12,6 +12,7 @@ struct ContactConstraintsScratch {
     std::vector<uint32_t> crowded;  // contacts of one body beyond capacity, deepest first
     std::vector<uint8_t> dropped;   // per contact
     std::vector<uint8_t> inverted;  // per contact
+    std::vector<uint8_t> slopes;    // per contact: belongs to another point
     std::vector<uint32_t> overlap;  // per broad-phase pair: index into Penetrations or kNone
     // of the current side of a deep pair
     uint32_t exit_pair = kNone, exit_body = kNone;
@@ -29,6 +30,8 @@ struct ContactConstraintsScratch {
 // separates from a sheet have none. Between a tool or free body and a deformable one, inverted contacts
 // (inverted_contact.hpp) have none while another inside point of the pair has one. (Coarse colliding balls need all
 // their contacts.) Contacts of a tool that leaves a body (ToolState::exit) have none.
+// their contacts.) A point of a static body, or of a rigid body against another, has none if its surface goes on
+// towards the plane, flat or less bent than the plane is tilted: no point within a smooth surface acts as a corner.
 void make_contact_constraints(const ContactInputs& in, const Contacts& contacts, const Penetrations& penetrations,
                               ContactConstraintsScratch& scratch, Report& report, ContactConstraints& constraints,
                               const Haptics& haptics = {});

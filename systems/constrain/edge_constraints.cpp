@@ -12,6 +12,7 @@ constexpr double kSharp = 0.94;     // cosine of the dihedral angle of a sharp e
 constexpr double kParallel = 0.02;  // sine between edges that are left to vertex contacts
 constexpr double kInCone = 0.02;    // sine tolerance of a normal cone
 constexpr double kDeepest = 0.05;   // overlap in mean edges above which the edges have passed each other
+constexpr double kMostTurn = 0.5;   // rad, in a period
 constexpr double kRounding = 1.0 + 1e-9;
 
 bool load_edge(const Surfaces& s, uint32_t body, uint32_t edge, SharpEdge& e) {
@@ -61,7 +62,7 @@ struct Passing {
     double along_a, along_b, distance;
     Vec3d normal;
 };
-bool find_passing(const SharpEdge& a, const SharpEdge& b, double margin, double deepest, Passing& p) {
+bool find_passing(const SharpEdge& a, const SharpEdge& b, double margin, double deepest, double turn, Passing& p) {
     const Vec3d u = a.b - a.a, v = b.b - b.a, across = u.cross(v), apart = a.a - b.a;
     const double size2 = across.squaredNorm();
     if (!(size2 > kParallel * kParallel * u.squaredNorm() * v.squaredNorm())) return false;
@@ -72,14 +73,16 @@ bool find_passing(const SharpEdge& a, const SharpEdge& b, double margin, double 
     p.along_b = -apart.cross(u).dot(across) / size2;
     if (!(p.along_a >= 0 && p.along_a <= 1 && p.along_b >= 0 && p.along_b <= 1)) return false;
     p.normal = across / std::sqrt(size2);
-    const auto in_cones = [&](const Vec3d& n) {
-        return std::max(b.into[0].dot(n), b.into[1].dot(n)) < kInCone && std::min(a.into[0].dot(n), a.into[1].dot(n)) > -kInCone;
+    const auto out_of_cones = [&](const Vec3d& n) {
+        return std::max({b.into[0].dot(n), b.into[1].dot(n), -a.into[0].dot(n), -a.into[1].dot(n)});
     };
-    if (!in_cones(p.normal)) {
-        p.normal = -p.normal;
-        if (!in_cones(p.normal)) return false;
-    }
-    p.distance = p.normal.dot(apart);
+    if (out_of_cones(-p.normal) < out_of_cones(p.normal)) p.normal = -p.normal;
+    const double out = out_of_cones(p.normal);
+    if (!(out < kInCone + turn)) return false;
+    // when the bodies have turned into contact, the normal is that of the face
+    for (const Vec3d& into : {b.into[0], b.into[1], Vec3d(-a.into[0]), Vec3d(-a.into[1])})
+        if (out >= kInCone && into.dot(p.normal) == out) p.normal = (p.normal - out * into).normalized();
+    p.distance = p.normal.dot(out < kInCone ? apart : Vec3d(apart + p.along_a * u - p.along_b * v));
     return p.distance < margin && p.distance > -deepest;
 }
 
@@ -126,10 +129,15 @@ void add_edge_constraints(const ContactInputs& in, const CandidateTriangles& can
         const double margin = margin_between(in.boxes, body[0], body[1]);
         const auto mean_edge = [&](uint32_t b) { return surfaces.meshes.info[bodies.mesh[b]].mean_edge; };
         const double deepest = kDeepest * std::min(mean_edge(body[0]), mean_edge(body[1]));
+        const Poses& poses = surfaces.poses;
+        const auto radius = [&](uint32_t b) { return surfaces.meshes.info[bodies.mesh[b]].radius; };
+        const double speed = (poses.velocity[body[0]] - poses.velocity[body[1]]).norm() / std::min(radius(body[0]), radius(body[1]));
+        const double spin = poses.angular_velocity[body[0]].norm() + poses.angular_velocity[body[1]].norm();
+        const double turn = std::min(kMostTurn, in.period * (speed + spin));
         Passing passing;
         for (const SharpEdge& a : scratch.sharp[0]) {
             for (const SharpEdge& b : scratch.sharp[1]) {
-                if (!find_passing(a, b, margin, deepest, passing)) continue;
+                if (!find_passing(a, b, margin, deepest, turn, passing)) continue;
                 append_edge_constraint(surfaces, body, a, b, passing, constraints);
             }
         }

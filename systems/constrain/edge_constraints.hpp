@@ -21,7 +21,8 @@ struct EdgeConstraintsScratch {
 // Adds an edge-edge constraint for every two sharp edges that cross within the pair's margins, for rigid
 // pairs with a free body: where boxes cross, neither has a corner on the other. Sharp: convex, with face
 // normals more than 20 degrees apart. The normal is perpendicular to both edges and in both normal cones
-// (edge-edge case of Mirtich 1998, "V-Clip"); nearly parallel edges are left to vertex contacts. The point is
+// (edge-edge case of Mirtich 1998, "V-Clip"), or beside them by no more than the bodies may turn in the period, and then is the
+// nearest normal of a cone: a tilted box slams down on another's edge. Nearly parallel edges are left to vertex contacts. The point is
 // on the first body's edge, the triangle at the second's. Ordered by pair, then the edges of the first, then
 // of the second.
 void add_edge_constraints(const ContactInputs& in, const CandidateTriangles& candidates, EdgeConstraintsScratch& scratch,

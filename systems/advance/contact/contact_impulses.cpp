@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "engine/base/check.hpp"
+#include "engine/mesh/surface_walk.hpp"
 #include "engine/mesh/surfaces.hpp"
 #include "systems/advance/contact/graph_colouring.hpp"
 #include "systems/advance/contact/nncg.hpp"
@@ -164,7 +165,7 @@ double fastest_rigid(const AdvanceCall& call, const AdvanceIsland& island) {
 struct ClosestPoint {
     std::array<double, 3> weight;
     Vec4d point;   // m
-    bool expired;  // expired: more than one edge length beyond the triangle
+    bool expired;  // more than one edge length beyond the triangle; of a rigid body, if its surface does not go on there
 };
 
 ClosestPoint find_closest_point(Vec4d a, Vec4d b, Vec4d c, Vec4d point, Vec4d plane, Vec4d normal, const std::array<double, 3>& fixed) {
@@ -193,19 +194,37 @@ ClosestPoint find_closest_point(Vec4d a, Vec4d b, Vec4d c, Vec4d point, Vec4d pl
     return closest;
 }
 
+// Attaches the plane of a constraint to the rigid body's triangle where it was detected.
+void place_plane(const AdvanceCall& call, const AdvanceIsland& island, const ContactConstraints& constraints, PreparedConstraint& c) {
+    const uint32_t mesh = call.inputs.bodies.mesh[island.rigid[c.rigid_b].body];
+    c.plane = to_vec4(constraints.normal[c.constraint]);
+    c.point_b = Vec4d{};
+    for (int i = 0; i < 3; ++i) c.point_b += c.weight_b[i] * rest_position(call.inputs.meshes, mesh, constraints.triangle[c.constraint][i]);
+    c.moved_plane = false;
+}
+
+// The same for a constraint. Where its point has left the triangle of a rigid body, the plane follows the body's surface.
 ClosestPoint find_closest_point(const AdvanceCall& call, const AdvanceIsland& island, const ContactConstraints& constraints,
-                                const PreparedConstraint& c, const ConstraintGeometry& r) {
+                                PreparedConstraint& c, ConstraintGeometry& r) {
     if (c.rigid_b == kNone) {
         const auto position = [&](int k) { return field_at(island.nodes, c.node_b[k], &ContactNodes::position); };
         return find_closest_point(position(0), position(1), position(2), r.point, r.plane, r.normal, c.weight_b);
     }
     const AdvanceRigid& rigid = island.rigid[c.rigid_b];
-    const Meshes& meshes = call.inputs.meshes;
-    const uint32_t mesh = call.inputs.bodies.mesh[rigid.body];
+    const MeshView mesh = mesh_view(call.inputs.meshes, call.inputs.bodies.mesh[rigid.body]);
     const Triangle& t = constraints.triangle[c.constraint];
     const Vec4d point = rigid.pose[0].turn_back(r.point - rigid.pose[0].shift);
-    return find_closest_point(rest_position(meshes, mesh, t[0]), rest_position(meshes, mesh, t[1]), rest_position(meshes, mesh, t[2]),
-                              point, c.point_b, c.plane, c.weight_b);
+    const auto corner = [&](int k) { return to_vec4(mesh.position[t[k]]); };
+    ClosestPoint closest = find_closest_point(corner(0), corner(1), corner(2), point, c.point_b, c.plane, c.weight_b);
+    if (!closest.expired) return closest;
+    const SurfacePlane below = walk_surface(mesh, t, constraints.normal[c.constraint], to_vec3(point));
+    if (below.triangle == kNone) return closest;
+    const Vec4d on_plane = to_vec4(mesh.position[mesh.triangle[below.triangle][0]]);
+    c.plane = to_vec4(below.normal);
+    c.point_b = point - c.plane * dot(c.plane, point - on_plane);
+    c.moved_plane = true;
+    r = geometry_of(island, c);
+    return {closest.weight, c.point_b, false};
 }
 
 void add_node(PreparedConstraint& c, uint32_t node, double weight) {
@@ -343,12 +362,12 @@ void set_substep(const AdvanceCall& call, const ConstraintGeometry& r, const Clo
 
 // Activates a constraint in this substep; false if it has expired. The implicit step's impulse counts as
 // applied.
-bool activate(const AdvanceCall& call, const ContactConstraints& constraints, const ConstraintGeometry& r, double approach,
-              AdvanceIsland& island, PreparedConstraint& c) {
+bool activate(const AdvanceCall& call, const ContactConstraints& constraints, ConstraintGeometry& r, Vec4d velocity, AdvanceIsland& island,
+              PreparedConstraint& c) {
     const ClosestPoint closest = find_closest_point(call, island, constraints, c, r);
     c.ended = closest.expired;
     if (c.ended) return false;
-    set_substep(call, r, closest, approach, island, c);
+    set_substep(call, r, closest, dot(r.normal, velocity), island, c);
     c.normal_impulse = dot(c.held, c.normal);
     if (c.normal_impulse > 0) {
         c.friction_impulse = c.held - c.normal_impulse * c.normal;
@@ -363,7 +382,8 @@ bool activate(const AdvanceCall& call, const ContactConstraints& constraints, co
 // apply_impulses.
 bool acts(const AdvanceCall& call, const ContactConstraints& constraints, double reach, AdvanceIsland& island, PreparedConstraint& c) {
     if (c.ended) return false;
-    const ConstraintGeometry r = geometry_of(island, c);
+    if (c.moved_plane) place_plane(call, island, constraints, c);
+    ConstraintGeometry r = geometry_of(island, c);
     if (!(r.separation < reach)) return false;
     const Vec4d velocity = relative_velocity(island, c);
     const double separation_after = r.separation + std::min(dot(r.normal, velocity), 0.0) * call.dt;
@@ -371,7 +391,7 @@ bool acts(const AdvanceCall& call, const ContactConstraints& constraints, double
     if (!std::isfinite(separation_after + norm2(velocity))) return false;
     // a free body's constraint may become violated by an impulse at another of its constraints
     if (!(separation_after < 0) && (island.free.empty() || !has_free_side(island, c))) return false;
-    return activate(call, constraints, r, dot(r.normal, velocity), island, c);
+    return activate(call, constraints, r, velocity, island, c);
 }
 
 void find_active_constraints(const AdvanceCall& call, const ContactConstraints& constraints, double reach, ContactSolver& solver,
@@ -645,6 +665,7 @@ void prepare_constraint(const AdvanceCall& call, const ContactSolver& solver, ui
     c.constraint = constraint;
     c.rigid_a = c.rigid_b = kNone;
     c.offset = c.restitution = 0;
+    c.moved_plane = false;
     c.angular.free = {kNone, kNone};
     const bool in_face = constraints.third[constraint] != kNone;
     c.weight_a = {1.0 - constraints.along[constraint] - constraints.across[constraint], constraints.along[constraint],
@@ -672,10 +693,7 @@ void prepare_constraint(const AdvanceCall& call, const ContactSolver& solver, ui
         for (int i = 0; i < 3; ++i) c.node_b[i] = vertex_slot(island.slot_of_body[b], constraints.triangle[constraint][i], island);
     } else {
         c.rigid_b = rigid_slot(call, b, island, state);
-        c.point_b = Vec4d{};
-        for (int i = 0; i < 3; ++i) {
-            c.point_b += c.weight_b[i] * rest_position(meshes, bodies.mesh[b], constraints.triangle[constraint][i]);
-        }
+        place_plane(call, island, constraints, c);
     }
     const Vec4d normal = c.rigid_b == kNone ? c.plane : island.rigid[c.rigid_b].pose[0].turn(c.plane);
     const double load = std::max(0.0, dot(c.warm, normal));
@@ -749,13 +767,14 @@ void find_implicit_contacts(const AdvanceCall& call, const ContactConstraints& c
     for (uint32_t i = 0; i < solver.prepared.size(); ++i) {
         PreparedConstraint& c = solver.prepared[i];
         c.held = Vec4d{};
+        if (c.moved_plane) place_plane(call, island, constraints, c);
         const uint32_t rigid = c.rigid_a != kNone ? c.rigid_a : c.rigid_b;
         if (c.ended || rigid == kNone || island.rigid[rigid].node != kNone || (c.rigid_a != kNone && c.rigid_b != kNone)) continue;
         uint32_t point = c.rigid_a == kNone ? c.node_a[0] : c.node_b[0];
         if (point & kEmbeddedPoint) point = island.nodes.embedded_point[point & ~kEmbeddedPoint].node[0];
         const uint32_t owner = island.nodes.node[point].owner;
         if (!island.body[owner].synchronous()) continue;
-        const ConstraintGeometry r = geometry_of(island, c);
+        ConstraintGeometry r = geometry_of(island, c);
         const ClosestPoint closest = find_closest_point(call, island, constraints, c, r);
         if (closest.expired || !std::isfinite(r.separation)) continue;
         set_substep(call, r, closest, 0, island, c);
@@ -770,7 +789,7 @@ void apply_impulses(const AdvanceCall& call, ContactComponents& components, Cont
     // most constraints are too far away at any velocity: no separation shrinks faster than twice `fastest`
     const double reach = 2.001 * fastest * call.dt;
     for_each_group(solver, [&](ConstraintGroup& group) {
-        activate_wide_constraints(call, island.nodes, reach, solver, group);
+        activate_wide_constraints(call, state, island.nodes, reach, solver, group);
         find_active_constraints(call, state.constraints, reach, solver, island, group);
         if (solver.starts_warm) warm_start_constraints(solver, island, group);
     });
@@ -779,7 +798,7 @@ void apply_impulses(const AdvanceCall& call, ContactComponents& components, Cont
     solver.bounces = !island.free.empty() && any_bounces(solver);
     const auto is_free = [](const AdvanceFree& f) { return !f.held; };
     if (any_angular(solver) && std::any_of(island.free.begin(), island.free.end(), is_free)) {
-        solve_to_convergence(call, components, solver, island);
+        solve_to_convergence(call, components, solver, island, result);
     } else if (any_angular(solver)) {
         // a tool in the hand does not rest on its contacts: the next substep continues from the remaining
         // error

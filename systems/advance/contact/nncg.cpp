@@ -1,6 +1,7 @@
 #include "systems/advance/contact/nncg.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <numeric>
 #include <utility>
 
@@ -50,22 +51,34 @@ void nncg_step(double share, AdvanceIsland& island, PreparedConstraint& constrai
 // method for interactive contact force problems"). A sweep is always last. If something bounces, the
 // tolerance stays that of bodies at rest: solved less accurately, a box that falls flat would be set spinning
 // by the corners solved first.
+// Sweeps that a substep may take, of `most`: bounds the work of a pass.
+uint32_t affordable_sweeps(const AdvanceCall& call, const ContactSolver& solver, uint32_t most) {
+    uint64_t active = 1;
+    for (const ConstraintGroup& group : std::span(solver.group).first(solver.colour[4])) active += group.active.size() + group.active_lanes;
+    return uint32_t(std::clamp<uint64_t>(kMostWork / (active * call.params.substeps), kFewestSweeps, most));
+}
+
+// Returns whether it ended with `most_sweeps`.
 template <typename Sweep, typename NncgStep>  // Sweep: SweepChange(); NncgStep: void(double share)
-void iterate_to_convergence(const AdvanceCall& call, const ContactSolver& solver, uint32_t most_sweeps, const Sweep& sweep,
+bool iterate_to_convergence(const AdvanceCall& call, const ContactSolver& solver, uint32_t most_sweeps, const Sweep& sweep,
                             const NncgStep& move_on) {
     double squares_before = 0, converged = kConvergedChange;
     for (uint32_t iteration = 0; iteration < most_sweeps; ++iteration) {
         const auto [change, squares] = sweep();
         if (iteration == 0 && !solver.bounces)
             converged = std::max({converged, kConvergedShare * change, kHitShare * (change - kLeastBounce)});
-        if ((change < converged && iteration + 1 >= call.params.contact.iterations) || iteration + 1 == most_sweeps) break;
+        if (change < converged && iteration + 1 >= call.params.contact.iterations) return false;
+        if (iteration + 1 == most_sweeps) return true;
         const bool grows = iteration == 0 || !(squares < squares_before);  // also without any further change
         move_on(grows ? 0 : squares / squares_before);
         squares_before = squares;
     }
+    return true;
 }
 
-void converge_groups(const AdvanceCall& call, ContactSolver& solver, AdvanceIsland& island) {
+// Returns whether the bound on work ended it; as converge_component.
+bool converge_groups(const AdvanceCall& call, ContactSolver& solver, AdvanceIsland& island) {
+    const uint32_t sweeps = affordable_sweeps(call, solver, kMostSweeps);
     const auto sweep = [&] {
         for_each_group(solver, [&](ConstraintGroup& group) {
             group.change = {};
@@ -79,20 +92,24 @@ void converge_groups(const AdvanceCall& call, ContactSolver& solver, AdvanceIsla
         }
         return all;
     };
-    iterate_to_convergence(call, solver, kMostSweeps, sweep, [&](double share) {
+    const bool stopped = iterate_to_convergence(call, solver, sweeps, sweep, [&](double share) {
         for_each_group(solver, [&](ConstraintGroup& group) {
             for (const uint32_t i : group.active) nncg_step(share, island, solver.prepared[i]);
         });
     });
+    return stopped && sweeps < kMostSweeps;
 }
 
 // Solves one component to convergence. If it is small, its loaded constraints are solved directly before a
 // sweep, as long as the sweep that follows does not raise the potential.
-void converge_component(const AdvanceCall& call, const ContactSolver& solver, ContactComponents& components, AdvanceIsland& island,
+bool converge_component(const AdvanceCall& call, const ContactSolver& solver, ContactComponents& components, AdvanceIsland& island,
                         std::span<PreparedConstraint* const> constraints, DirectSolve& direct) {
     // not while something bounces: a direct solution would hold bodies together that are about to separate
     const bool direct_too = !solver.bounces && prepare_direct(island, components, constraints, direct);
-    uint32_t solutions_left = direct_too ? kMostSolutions : 0, sweeps_since = 0, sweeps_between = 0;
+    const uint32_t most_sweeps = direct_too ? kMostSweepsSolved : kMostSweeps, sweeps = affordable_sweeps(call, solver, most_sweeps);
+    uint32_t solutions_left =
+                 direct_too ? (sweeps < most_sweeps ? std::min(kMostSolutions, sweeps / kSweepsPerSolution) : kMostSolutions) : 0,
+             sweeps_since = 0, sweeps_between = 0;
     bool solved = false, has_direction = true;
     double before = 0;
     const auto solve = [&] {
@@ -119,11 +136,12 @@ void converge_component(const AdvanceCall& call, const ContactSolver& solver, Co
         return sweep_once();
     };
     solve();
-    iterate_to_convergence(call, solver, direct_too ? kMostSweepsSolved : kMostSweeps, sweep, [&](double share) {
+    const bool stopped = iterate_to_convergence(call, solver, sweeps, sweep, [&](double share) {
         if (solve()) return;
         for (PreparedConstraint* constraint : constraints) nncg_step(has_direction ? share : 0, island, *constraint);
         has_direction = true;
     });
+    return stopped && sweeps < most_sweeps;
 }
 
 template <typename Visit>  // Visit: void(PreparedConstraint&)
@@ -168,21 +186,28 @@ bool find_components(const AdvanceIsland& island, ContactComponents& components,
 
 }  // namespace
 
-void solve_to_convergence(const AdvanceCall& call, ContactComponents& components, ContactSolver& solver, AdvanceIsland& island) {
+void solve_to_convergence(const AdvanceCall& call, ContactComponents& components, ContactSolver& solver, AdvanceIsland& island,
+                          AdvanceResult& result) {
     make_room(components.sorted_active, solver.prepared.size());
     make_room(components.component, island.nodes.node.size());
     make_room(components.component_of, island.nodes.node.size());
-    if (!find_components(island, components, solver)) return converge_groups(call, solver, island);
+    if (!find_components(island, components, solver)) {
+        result.unsolved_substeps += converge_groups(call, solver, island);
+        return;
+    }
     const uint32_t count = static_cast<uint32_t>(components.component.size());
     if (const uint32_t chunks = chunk_count(count, kComponentsPerChunk); components.direct.size() < chunks)
         components.direct.resize(chunks);
+    std::atomic<bool> stopped = false;
     parallel_for(count, kComponentsPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) {
             const Range range = components.component[i];
-            converge_component(call, solver, components, island, std::span(components.sorted_active).subspan(range.first, range.count),
-                               components.direct[begin / kComponentsPerChunk]);
+            if (converge_component(call, solver, components, island, std::span(components.sorted_active).subspan(range.first, range.count),
+                                   components.direct[begin / kComponentsPerChunk]))
+                stopped.store(true, std::memory_order_relaxed);
         }
     });
+    result.unsolved_substeps += stopped.load();
 }
 
 }  // namespace trocar

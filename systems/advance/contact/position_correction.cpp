@@ -286,6 +286,19 @@ bool has_moved(const ContactSolver& solver, const ConstraintGroup& group, uint8_
     });
 }
 
+// A free body's constraint that is deeper than corrections may move it in a substep leaves the rest for later ones. If each moved
+// it by all that is allowed, many would turn it to and fro instead of lifting it.
+void allow_overlaps(double most, const AdvanceIsland& island, const ConstraintGroup& group, ContactSolver& solver) {
+    Vec4d normal;
+    for (const uint32_t i : group.active) {
+        PreparedConstraint& constraint = solver.prepared[i];
+        constraint.allowed_overlap = 0;
+        const auto is_held = [&](uint32_t free) { return free != kNone && island.free[free].held; };
+        if (!constraint.turns() || std::ranges::any_of(constraint.angular.free, is_held)) continue;
+        constraint.allowed_overlap = std::max(0.0, -separation_after(island, constraint, normal) - most);
+    }
+}
+
 // One sweep over a group. Nodes pressed from opposite sides move after the group's sweep; in the first sweep,
 // after all groups. Returns whether any constraint was corrected.
 bool correct_group(const AdvanceCall& call, const ContactConstraints& constraints, const CorrectionSweep& sweep, ContactSolver& solver,
@@ -297,7 +310,8 @@ bool correct_group(const AdvanceCall& call, const ContactConstraints& constraint
         const PreparedConstraint& constraint = solver.prepared[i];
         if (!has_moved_node(island.nodes, constraint, sweep.since)) continue;
         if (!(constraint.effective_mass > 0) || (sweep.stamp > 1 && constraint.turns())) continue;
-        const double overlap = -separation_after(island, constraint, normal);
+        double overlap = -separation_after(island, constraint, normal);
+        if (constraint.turns()) overlap -= constraint.allowed_overlap;
         if (!(overlap > sweep.least) || (sweep.stamp > 1 && overlap > sweep.most)) continue;
         const double share = has_held_side(island, constraint) ? sweep.held : 1;
         add_correction(call, constraints, constraint, std::min(share * overlap, sweep.most) * normal, sweep.stamp, island);
@@ -337,6 +351,7 @@ bool correct_groups(const AdvanceCall& call, const ContactConstraints& constrain
         group.corrected_in = 0;
         forget_displacements(solver, group, island.nodes);
     });
+    for_each_group(solver, [&](const ConstraintGroup& group) { allow_overlaps(most, island, group, solver); });
     for_each_group(solver, [&](ConstraintGroup& group) {
         correct_group(call, constraints, {kRestingOverlap, most, held, 1, 0}, solver, island, group);
     });

@@ -6,6 +6,8 @@
 #include <cstddef>
 
 #include "engine/base/check.hpp"
+#include "engine/geometry/quaternion.hpp"
+#include "engine/mesh/surface_walk.hpp"
 #include "engine/mesh/surfaces.hpp"
 #include "systems/advance/contact/contact_impulses.hpp"
 #include "systems/advance/contact/position_correction.hpp"
@@ -387,9 +389,20 @@ inline __attribute__((always_inline)) std::array<Vec4d, 3> correction_weights_of
     return plane_weight;
 }
 
+// Whether a point that has left a constraint's triangle is still over the same plane of a static body.
+bool continues_flat(const AdvanceCall& call, const AdvanceState& state, uint32_t constraint, Vec4d point) {
+    const Bodies& bodies = call.inputs.bodies;
+    const uint32_t other = state.constraints.other[constraint];
+    if (is_deformable(bodies, other)) return false;
+    const Vec3d in_frame = rotate_back(state.poses.orientation[other], to_vec3(point) - state.poses.origin[other]);
+    return walk_surface(mesh_view(call.inputs.meshes, bodies.mesh[other]), state.constraints.triangle[constraint],
+                        state.constraints.normal[constraint], in_frame)
+               .normal == state.constraints.normal[constraint];
+}
+
 // Activates the constraints that act in this substep. As find_active_constraints and activate.
-bool activate_wide_constraint(const AdvanceCall& call, const ContactSolver& solver, const ContactNodeSet& nodes, double reach,
-                              WideConstraint& wide_constraint) {
+bool activate_wide_constraint(const AdvanceCall& call, const AdvanceState& state, const ContactSolver& solver, const ContactNodeSet& nodes,
+                              double reach, WideConstraint& wide_constraint) {
     const FourPoints a = corner_of(solver, nodes, wide_constraint, 0, &ContactNodes::position),
                      b = corner_of(solver, nodes, wide_constraint, 1, &ContactNodes::position),
                      c = corner_of(solver, nodes, wide_constraint, 2, &ContactNodes::position);
@@ -409,7 +422,9 @@ bool activate_wide_constraint(const AdvanceCall& call, const ContactSolver& solv
     }
     const FourClosestPoints closest = find_closest_points(a, b, c, point, plane, wide_constraint.normal, fixed);
     if (any(closest.expired & active)) {
-        wide_constraint.open &= uint8_t(~mask_bits(closest.expired & active));
+        for (uint32_t lane = 0; lane < 4; ++lane)
+            if ((closest.expired & active)[lane] && !continues_flat(call, state, wide_constraint.constraint[lane], lane_of(point, lane)))
+                wide_constraint.open &= uint8_t(~(1u << lane));
         active &= mask_lanes(wide_constraint.open);
         if (!any(active)) return false;
     }
@@ -645,14 +660,14 @@ void release_wide_constraints(const AdvanceCall& call, const ContactSolver& solv
     });
 }
 
-void activate_wide_constraints(const AdvanceCall& call, const ContactNodeSet& nodes, double reach, ContactSolver& solver,
-                               ConstraintGroup& group) {
+void activate_wide_constraints(const AdvanceCall& call, const AdvanceState& state, const ContactNodeSet& nodes, double reach,
+                               ContactSolver& solver, ConstraintGroup& group) {
     group.active_wide.clear();
     group.active_lanes = 0;
     for (uint32_t i = group.wide_constraint.first; i < group.wide_constraint.end(); ++i) {
         if (i + kWideAhead < group.wide_constraint.end()) fetch(solver.wide_constraint[i + kWideAhead], kWholeConstraint);
         WideConstraint& wide_constraint = solver.wide_constraint[i];
-        if (wide_constraint.open == 0 || !activate_wide_constraint(call, solver, nodes, reach, wide_constraint)) {
+        if (wide_constraint.open == 0 || !activate_wide_constraint(call, state, solver, nodes, reach, wide_constraint)) {
             wide_constraint.normal_impulse = Vec4d{};
             wide_constraint.friction_impulse = FourPoints{};
             continue;

@@ -15,8 +15,8 @@ void prepare_wide_constraints(const AdvanceCall& call, ContactSorting& sorting, 
                               const AdvanceState& state);
 void release_wide_constraints(const AdvanceCall& call, const ContactSolver& solver, ContactConstraints& constraints, AdvanceResult& result);
 // reach: m, infinite unless all velocities are finite.
-void activate_wide_constraints(const AdvanceCall& call, const ContactNodeSet& nodes, double reach, ContactSolver& solver,
-                               ConstraintGroup& group);
+void activate_wide_constraints(const AdvanceCall& call, const AdvanceState& state, const ContactNodeSet& nodes, double reach,
+                               ContactSolver& solver, ConstraintGroup& group);
 void warm_start_wide_constraints(const ConstraintGroup& group, ContactSolver& solver, ContactNodeSet& nodes);  // see warm_start_constraints
 void solve_wide_constraints(const ConstraintGroup& group, ContactSolver& solver, ContactNodeSet& nodes);
 void add_wide_impulses(const ConstraintGroup& group, ContactSolver& solver);

@@ -83,9 +83,11 @@ struct alignas(64) PreparedConstraint {
     uint32_t rigid_a = kNone, rigid_b = kNone;  // index in rigid, or kNone
     uint32_t constraint = kNone;                // index in ContactConstraints
     bool ended = false;
+    bool moved_plane = false;  // the plane is where the point has slid to on the rigid body
 
     // For position corrections.
     std::array<double, kMostNodes> correction_weight;  // as weight; the point on the plane is clamped to its triangle
+    double allowed_overlap = 0;    // m, left by the corrections of this substep: sides of free bodies that are too deep for one
     double correction_offset = 0;  // m, from the plane point to where corrections act, along the normal, at the start of the substep
 
     // Its part in the implicit step of its body (implicit_contact.cpp).
