@@ -448,6 +448,9 @@ double other_forces_limit(const World& world, uint32_t body) {
     return omega_squared > 0 ? kStableShare * 2 / std::sqrt(3 * omega_squared) : std::numeric_limits<double>::infinity();
 }
 
+constexpr double kLeastStep =
+    1e-9;  // s, as of the keys step and substep: a million steps a millisecond, whose number is counted in 32 bits
+
 // Stepping parameters of a body for an integrator; step and iterations come from the scene, 0 = default.
 Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World& world, uint32_t body, Integrator integrator) {
     const double step = spec.step;
@@ -456,6 +459,10 @@ Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World
     const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
     const double limit = world.bodies.stable_dt[body];
     const double others = other_forces_limit(world, body);
+    if (integrator == Integrator::kLeapfrog && limit < kLeastStep)
+        refuse_body(
+            scene, spec,
+            format("its explicit step would be %.3g s, and the least is %g s: it is too stiff, light or finely meshed", limit, kLeastStep));
     if (integrator != Integrator::kLeapfrog && step > others)
         refuse_body(scene, spec, format("step = %g s is above the largest stable step under pressure and bending, %.4g s", step, others));
     if (integrator == Integrator::kLeapfrog && step > limit)
@@ -559,6 +566,10 @@ BuiltScene build_scene(const SceneFile& given, Looks looks) {
     add_scene_nodes(scene, world);
     if (!world.haptics.jaw.empty()) keep_jaws_apart(world);
     add_scene_links(scene, world);
+    for (uint32_t body = 0; body < world.links.stable_dt.size(); ++body)
+        if (world.links.stable_dt[body] < kLeastStep)
+            refuse(scene, 1,
+                   "the links of body \"" + world.bodies.name[body] + "\" are too stiff: its explicit step would be below 1e-9 s");
     add_scene_cuts(scene, world);
     open_pools(world);
     make_trees(world);
