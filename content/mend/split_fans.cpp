@@ -99,14 +99,15 @@ void halve_face(Mesh& mesh, uint32_t h, uint32_t middle) {
     mesh.uv.push_back(row);
 }
 
-// Halves edges that cannot be parted, at most one of a face. Returns their number.
-uint32_t halve_edges(Mesh& mesh, CornerFans& fans) {
+// Halves edges that cannot be parted, at most one of a face, between the first `vertices`: halves of doubled faces stay
+// together however often they are halved. Returns their number.
+uint32_t halve_edges(Mesh& mesh, CornerFans& fans, uint32_t vertices) {
     std::vector<uint8_t> halved(mesh.triangle.size(), 0);
     uint32_t count = 0;
     for (uint32_t e = 0; e < fans.table.edge.size(); ++e) {
         const auto users = fans.table.users(e);
         if (users.size() <= 2 || std::any_of(users.begin(), users.end(), [&](uint32_t h) { return halved[h / 3]; })) continue;
-        if (!cannot_be_parted(mesh, fans, e)) continue;
+        if (fans.table.edge[e][1] >= vertices || !cannot_be_parted(mesh, fans, e)) continue;
         const auto [a, b] = fans.table.edge[e];
         mesh.position.push_back((mesh.position[a] + mesh.position[b]) / 2);
         for (const uint32_t h : users) {
@@ -123,7 +124,8 @@ uint32_t halve_edges(Mesh& mesh, CornerFans& fans) {
 SplitReport split_fans(Mesh& mesh, double apart) {
     SplitReport report;
     CornerFans fans = join_fans(mesh);
-    while (const uint32_t halved = halve_edges(mesh, fans)) {
+    const auto vertices = static_cast<uint32_t>(mesh.position.size());
+    while (const uint32_t halved = halve_edges(mesh, fans, vertices)) {
         report.halved += halved;
         fans = join_fans(mesh);
     }

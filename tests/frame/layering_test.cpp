@@ -160,7 +160,7 @@ TEST(Layering, ThirdPartyLibrariesAreNamedInOnePlace) {
         {"toml++/", {"content/scene/toml_section.cpp", "content/scene/toml_section.hpp"}},
         {"meshoptimizer", {"content/volume/organ_surface.cpp"}},
         {"assimp/", {"content/read/helpers/assimp_reader.cpp"}},
-        {"pugixml", {"content/read/vrml/x3d.cpp"}},
+        {"pugixml", {"content/read/vrml/x3d.cpp", "content/read/vtp_file.cpp"}},
         {"CLI/", {"systems/app/commands/main.cpp"}},
         {"nlohmann/", {"systems/app/", "engine/devices/haply.cpp"}},
         {"libwebsockets", {"engine/devices/haply.cpp"}},

@@ -222,7 +222,7 @@ constexpr const char* kKnown[] = {
     "bit",  "char",  "unsigned_char", "short",   "unsigned_int", "vtktypeint64", "float",        "double", "string",   "uchar",
     "list", "int8",  "float64",       "ASCII",   "BINARY",       "OFFSETS",      "CONNECTIVITY", "FIELD",  "METADATA", "TRUE",
     "NULL", "DEF",   "USE",           "IS",      "Script",       "UNIT",         "EXPORT",       "AS",     "f",        "vt",
-    "o",    "facet", "endsolid",      "element", "end_header"};
+    "o",    "facet", "endsolid",      "element", "end_header",   "PROTO",        "children",     "Inline"};
 
 // The contiguous bytes around a position for which `belongs` is true.
 template <typename Belongs>
@@ -395,7 +395,7 @@ std::vector<Seed> make_seeds() {
     seeds.push_back({"d.vtk", make_newer_vtk(mesh, true)});
     const fs::path folder = fs::temp_directory_path() / ("trocar_seeds_" + std::to_string(::getpid()));
     fs::create_directories(folder);
-    for (const char* name : {"b.stl", "b.ply", "b.obj", "b.wrl"}) {
+    for (const char* name : {"b.stl", "b.ply", "b.obj", "b.wrl", "b.vtp"}) {
         save_mesh(mesh, folder / name);
         seeds.push_back({name, read_file_bytes(folder / name)});
     }

@@ -97,6 +97,22 @@ TEST(VoxelSurfaces, an_edge_joined_around_both_ends_is_halved) {
     EXPECT_NEAR(judgement.volume, 10, 0.05);
 }
 
+// Faces that stand twice or three times at the same corners, in either order, cannot be parted: it ends all the same.
+TEST(VoxelSurfaces, doubled_faces_end_the_halving) {
+    for (uint32_t seed = 1; seed <= 24; ++seed) {
+        std::mt19937 random(seed);
+        Mesh mesh = surface_of(random_body(seed, 3));
+        for (size_t k = 0, faces = mesh.triangle.size(); k < 12; ++k) {
+            Triangle t = mesh.triangle[random() % faces];
+            if (random() % 2) std::swap(t[0], t[1]);
+            for (uint32_t copies = 1 + random() % 2; copies > 0; --copies) mesh.triangle.push_back(t);
+        }
+        const double area = sum_mesh(mesh).area;
+        split_fans(mesh, 0);
+        EXPECT_NEAR(sum_mesh(mesh).area, area, 1e-9) << seed;
+    }
+}
+
 // The oracle is the number of cubes; the copies of a vertex move by a fiftieth of an edge.
 TEST(VoxelSurfaces, every_body_of_voxels_becomes_one_solid) {
     uint32_t halved = 0;
