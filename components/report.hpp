@@ -76,7 +76,6 @@ inline constexpr uint8_t kOfRun = kInMetrics | kOnPage;  // counted by the run, 
     PASS(kSum, opened_bodies, "", kEvent, "closed surfaces that a cut opened or made non-manifold: inside by winding number")          \
     ISLAND(kGreatest, worst_implicit_residual, "", kFigure, "largest residual of an implicit step, as Stepping::tolerance")            \
     PASS(kSum, start_overlaps, "", kOfRun, "pairs of bodies started more than 1 % of the smaller one inside each other")               \
-    PASS(kSum, tools_inside, "", kOfRun, "tools started inside a body")                                                                \
     PASS(kSum, left_overlaps, "", kOfRun, "pairs of bodies were left more than 2 % of the smaller one inside each other")              \
     PASS(kSum, unearned_energy, "", kOfRun, "pictures with more energy, or work of contact or numerics, than had entered the scene")   \
     PASS(kSum, dropped_pictures, "", kOfRun, "pictures were dropped, because drawing was late")                                        \

@@ -132,25 +132,11 @@ void print_warnings(const std::vector<std::string>& warnings) {
     for (const std::string& warning : warnings) std::fprintf(stderr, "trocar: warning: %s\n", warning.c_str());
 }
 
-// Warns of tools that the last pass found inside a body; `inside`: per tool, that body so far.
-void warn_of_tools_inside(const World& w, std::vector<uint32_t>& inside) {
-    inside.resize(w.haptics.tool.size(), kNone);
-    for (size_t t = 0; t < inside.size(); ++t) {
-        const uint32_t body = w.haptics.state[t].exit.body;
-        if (body != kNone && inside[t] == kNone)
-            std::fprintf(stderr, "trocar: warning: %.3f s: tool \"%s\" is inside \"%s\", which lets it go until it is pushed out\n",
-                         static_cast<double>(w.clock.tick) * 1e-3, w.bodies.name[w.haptics.tool[t].body].c_str(),
-                         w.bodies.name[body].c_str());
-        inside[t] = body;
-    }
-}
-
 // Runs as fast as possible in one deterministic order, freely or following a recorded live run.
 void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
     const auto& [options, seconds, frame, pictures, recorder, figures, watch] = run;
     std::map<uint64_t, std::string_view> names;
     CostMeter costs;
-    std::vector<uint32_t> inside;  // bodies that tools are inside
     Progress progress(figures.scene);
     const uint64_t start = now_ns();
     const double end_tick = replay ? static_cast<double>(replay->end_tick()) : seconds * 1000;
@@ -167,7 +153,6 @@ void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
         figures.world_bytes += resident_bytes() - bytes;
         watch->after_pass(frame);
         print_warnings(watch->take_warnings());
-        warn_of_tools_inside(frame.world(), inside);
         PassFigures pass = pass_figures(frame, time);
         pass.frame_ms = frame_ms;
         costs.add(frame, figures);

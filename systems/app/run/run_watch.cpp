@@ -114,31 +114,36 @@ void RunWatch::after_pass(Frame& frame) {
     World& w = frame.world();
     if (w.clock.pass == 1) look_at_start(w);
     if (w.report.short_steps > 0) look_at_steps(w);
+    look_at_tools(w);
     look_at_tetrahedra(w);
     follow_overlaps(w);
     if (frame.times().picture && budget_.known) look_at_energy(frame);
 }
 
 void RunWatch::look_at_start(World& w) {
-    std::vector<std::string> texts, tools;
+    std::vector<std::string> texts;
     const std::vector<Overlap> deep = overlaps(w, kStartsInside);
     for (const Overlap& o : deep) {
         if (o.share > kStartsDeep)
             texts.push_back(format("\"%s\" and \"%s\" start %.3g mm inside each other, %.2g %% of the smaller one", name_of(w, o.a),
                                    name_of(w, o.b), 1e3 * o.depth, 100 * o.share));
     }
-    for (const HandTool& tool : w.haptics.tool) {
-        const auto inside = [&](const Overlap& o) { return (o.a == tool.body || o.b == tool.body); };
-        const auto found = std::ranges::find_if(deep, inside);
-        if (found == deep.end()) continue;
-        tools.push_back(
-            format("the tool \"%s\" starts inside \"%s\"", name_of(w, tool.body), name_of(w, found->a == tool.body ? found->b : found->a)));
-    }
     w.report.start_overlaps += deep.size();
-    w.report.tools_inside += tools.size();
     for (const Overlap& o : overlaps(w, kParted)) parting_.push_back({o.a, o.b});
     if (!texts.empty()) warnings_.push_back(listed(texts) + ": move them apart");
-    if (!tools.empty()) warnings_.push_back(listed(tools));
+}
+
+void RunWatch::look_at_tools(const World& w) {
+    tool_inside_.resize(w.haptics.tool.size(), kNone);
+    for (size_t t = 0; t < tool_inside_.size(); ++t) {
+        const uint32_t body = w.haptics.state[t].exit.body;
+        const bool before = std::exchange(tool_inside_[t], body) != kNone;
+        if (body == kNone || before) continue;
+        const bool starts = w.clock.pass == 1;
+        const std::string when = starts ? "" : format(" at %.3f s", static_cast<double>(w.clock.tick) * 1e-3);
+        warnings_.push_back(format("the tool \"%s\" %s inside \"%s\"%s, which lets it go until it is pushed out",
+                                   name_of(w, w.haptics.tool[t].body), starts ? "starts" : "is", name_of(w, body), when.c_str()));
+    }
 }
 
 // Before the first pass, which may last for hours, and again when tissue is crushed.
