@@ -63,7 +63,11 @@ Vec3d carried_position(const LocalContactModel& model, const TickSpan& span, con
     const Vec3d normal = triangle_normal(triangle.corner[0], triangle.corner[1], triangle.corner[2]).normalized();
     if (anchor.side * arm.dot(normal) < 0) arm = anchor.side * arm.norm() * normal;
     const bool drawn = state.surface != model.sequence && anchor.body == model.compliance.body;
-    return point + arm + (drawn ? model.compliance.slip : Vec3d(Vec3d::Zero()));
+    const Vec3d carried = point + arm + (drawn ? model.compliance.slip : Vec3d(Vec3d::Zero()));
+    // a surface that recedes takes the proxy no farther than the device: contact never pulls
+    const Vec3d up = arm.normalized();
+    const double receded = up.dot(state.proxy - carried);
+    return carried + std::clamp(up.dot(state.device.position - carried), 0.0, std::max(0.0, receded)) * up;
 }
 
 // Moves the proxy with the surface that moved since the last tick. False: the exit from a crowd of features is left to
@@ -74,8 +78,7 @@ bool carry_proxy(const LocalContactModel& model, const TickSpan& span, const Vec
     if (carried == state.proxy && span.surface_travel == 0 && state.contacts == 0 && !renewed) return true;
     // between two models the surface does not move as either of them says: there the anchor keeps the side
     SurfaceCrossing crossing;
-    if (!renewed || state.contacts == 0)
-        crossing = first_crossing(span.before, state.proxy, carried, span.surface_travel, scratch.near);
+    if (!renewed || state.contacts == 0) crossing = first_crossing(span.before, state.proxy, carried, span.surface_travel, scratch.near);
     state.proxy = crossing.index == kNone ? carried : above_crossing(crossing, scratch.near);
     state.outside = state.outside || state.contacts > 0 || crossing.index != kNone;
     if (renewed && state.contacts == 0 && crossing.index == kNone) {
@@ -107,8 +110,7 @@ void update_proxy(const LocalContactModel& model, const TickSpan& span, const Ha
         state.proxy = goal;
         state.contacts = 0;
         state.proxy_valid = is_clear(goal, scratch);
-        const Exit exit = find_exit(goal, kSeen, scratch);
-        state.outside = exit.found && !exit.inside;
+        state.outside = !find_exit(goal, model.reach, scratch).inside;
         return;
     }
     const Vec3d from = state.proxy;
@@ -186,9 +188,9 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     // nothing is known beyond the region of the model, which has every surface that a tool there may meet
     const bool covered = segment_distance(centre, model.from, model.to) + tool.tip_radius + own_travel <= model.reach;
     if (covered) {
-        const bool look_around = !state.proxy_valid || (state.surface != model.sequence && state.contacts == 0);
+        const double look_around = !state.proxy_valid ? model.reach : state.surface != model.sequence && state.contacts == 0 ? kSeen : 0;
         const double carried_by = state.proxy_valid ? (centre - state.proxy).norm() : 0;
-        gather_surface(model, span.now, tool, centre, span.travel + span.surface_travel + carried_by + kNearby + (look_around ? kSeen : 0), scratch);
+        gather_surface(model, span.now, tool, centre, span.travel + span.surface_travel + carried_by + kNearby + look_around, scratch);
         update_proxy(model, span, tool, centre, scratch, state);
     } else if (state.proxy_valid && state.contacts > 0 && centre != state.proxy) {
         state.anchor.position += centre - state.proxy;  // far out it rides on its surface

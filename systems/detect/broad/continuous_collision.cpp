@@ -52,12 +52,13 @@ double time_of_impact_of(const ContactInputs& in, std::span<const CcdBody> ccd_b
         own = find_ccd_body(ccd_bodies, mover);
     }
     if (own == nullptr) return kNever;
-    // tissue yields to a hand: stopped at its surface, the tool would stay behind and give no force. It may go in as far
-    // as the contacts of the next pass are sure to find from which side
+    // tissue yields to a hand: stopped at its surface, the tool would stay behind and give no force. It may go in by half
+    // the body's mean thickness: so far the contacts of the next pass find from which side
     double seconds_inside = 0;
     if (bodies.motion[mover] == Motion::kHand && is_deformable(bodies, other)) {
         const double arm = s.meshes.info[bodies.mesh[mover]].radius, speed = own->sweep.velocity.norm() + own->sweep.spin.norm() * arm;
-        seconds_inside = 0.5 * s.meshes.info[bodies.mesh[other]].mean_edge / speed;
+        const MeshInfo& info = s.meshes.info[bodies.mesh[other]];
+        seconds_inside = (info.admission == Admission::kSheet ? 0.5 * bodies.thickness[other] : info.volume / info.area) / speed;
         if (!(seconds_inside < in.period)) return kNever;
     }
     const CcdBody* second = find_ccd_body(ccd_bodies, other);

@@ -12,6 +12,7 @@
 #include "engine/haptics/point_shell.hpp"
 #include "engine/mesh/contact_kernels.hpp"
 #include "engine/mesh/mesh_view.hpp"
+#include "engine/motion/keyframe_path.hpp"
 #include "systems/haptics/contact/surface_feel.hpp"
 namespace trocar {
 namespace {
@@ -35,12 +36,17 @@ uint8_t sides_beyond(const BoxLanes& box, const VertexRoom& room) {
 // box around a segment
 Box segment_box(const Vec3d& a, const Vec3d& b, double reach) { return {a.cwiseMin(b).array() - reach, a.cwiseMax(b).array() + reach}; }
 
+// m/s, bound on the speed of a rigid body's surface
+double rigid_speed(const Surfaces& s, uint32_t body) {
+    return s.poses.velocity[body].norm() + s.poses.angular_velocity[body].norm() * s.meshes.info[s.bodies.mesh[body]].radius;
+}
+
 // Calls with(room) where room(v) is that of vertex v in `seconds`.
 template <typename With>
 void with_rooms(const Surfaces& s, uint32_t body, double seconds, const With& with) {
     const MeshInfo& info = s.meshes.info[s.bodies.mesh[body]];
     if (!is_deformable(s.bodies, body)) {
-        const double speed = s.poses.velocity[body].norm() + s.poses.angular_velocity[body].norm() * info.radius;
+        const double speed = rigid_speed(s, body);
         const Vec4d slack = make_vec4(speed * seconds, speed * seconds, speed * seconds);
         with([&](uint32_t v) { return VertexRoom{to_vec4(s.meshes.position[info.vertices.first + v]), slack}; });
         return;
@@ -375,17 +381,22 @@ void take_along(uint32_t body, const Vec3d& point, const Vec3d& velocity, double
     bound_groups(out, body);
 }
 
-// Stiffness (N/m) of tissue against a tip that begins to touch it: a lower bound, so that first contact never feels
-// harder than the tissue is.
-double stiffness_at_first_touch(const Surfaces& surfaces, uint32_t body) {
+// Stiffness (N/m) of tissue against a tip of a radius that begins to touch it and goes in by `depth` (m) until the next
+// pass: a lower bound, so that first contact never feels harder than the tissue is.
+double stiffness_at_first_touch(const Surfaces& surfaces, uint32_t body, double radius, double depth) {
     const Tissue& tissue = surfaces.bodies.tissue[body];
     const MeshInfo& info = surfaces.meshes.info[surfaces.bodies.mesh[body]];
     const double edge = info.mean_edge;
-    // solid: an indenter as wide as an edge on a half-space (Boussinesq)
-    if (surfaces.bodies.particles[body].count > info.vertices.count)
-        return tissue.youngs_modulus / (1 - tissue.poisson * tissue.poisson) * edge;
-    constexpr double kTakenAlong = 3;  // vertices on the elastic foundation: 2.4 to 15 on 19 organs, tips of 0.1 to 5 mm
-    return kTakenAlong * 0.5 * std::sqrt(3.0) * edge * edge * tissue.youngs_modulus / tissue.depth;
+    constexpr uint32_t kLanes = 16;  // particles come in multiples of it
+    if (surfaces.bodies.particles[body].count > (info.vertices.count + kLanes - 1) / kLanes * kLanes) {
+        // solid: a half-space under a flat end as wide as an edge (Boussinesq) or a ball (Hertz)
+        const double modulus = tissue.youngs_modulus / (1 - tissue.poisson * tissue.poisson);
+        return modulus * std::max(edge, 4.0 / 3 * std::sqrt(radius * depth));
+    }
+    // shell: the elastic foundation of the vertices taken along, 2.4 to 15 on 19 organs with tips of 0.1 to 5 mm, and
+    // below the cap of the tip, half way in
+    const double area = 3 * 0.5 * std::sqrt(3.0) * edge * edge + M_PI * radius * std::min(depth, radius);
+    return area * tissue.youngs_modulus / tissue.depth;
 }
 
 void predict_compliance(const Surfaces& surfaces, const HandTool& tool, ToolState& state, LocalContactScratch& scratch,
@@ -407,14 +418,17 @@ void predict_compliance(const Surfaces& surfaces, const HandTool& tool, ToolStat
     if (!tool.point_shell.empty()) {
         const double gap = shell_gap(tool, state, now.touched, tip, surfaces.poses.orientation[body], scratch, out);
         out.compliance = {
-            now.touched, share, normal, now.device, state.motion.velocity(), state.device.time, std::abs(gap) <= kMostGap ? gap : 0, {0, 0, 0}};
+            now.touched, share, normal, now.device, state.motion.velocity(), state.device.time, std::abs(gap) <= kMostGap ? gap : 0,
+            {0, 0, 0}};
         return;
     }
     const double half_thickness = thickness_of(surfaces, now.touched) / 2;
-    const double gap = height_above(out, now.touched, tip, normal, tool.tip_radius + half_thickness + kMostGap) - tool.tip_radius - half_thickness;
+    const double gap =
+        height_above(out, now.touched, tip, normal, tool.tip_radius + half_thickness + kMostGap) - tool.tip_radius - half_thickness;
     if (!(std::abs(gap) <= kMostGap)) return;
-    const Vec3d slip = state.proxy_valid ? Vec3d(tip - state.proxy) : Vec3d(Vec3d::Zero());
-    out.compliance = {now.touched, share, normal, now.device, state.motion.velocity(), state.device.time, gap, slip - slip.dot(normal) * normal};
+    Vec3d slip = tip - state.proxy - normal.dot(tip - state.proxy) * normal;
+    if (!state.proxy_valid || slip.norm() > kMostGap) slip.setZero();
+    out.compliance = {now.touched, share, normal, now.device, state.motion.velocity(), state.device.time, gap, slip};
     if (!deformable) return;  // its velocities describe its motion
     const double near = tool.tip_radius + 1.5 * surfaces.meshes.info[surfaces.bodies.mesh[now.touched]].mean_edge;
     take_along(now.touched, tip, surfaces.poses.velocity[body] + surfaces.poses.angular_velocity[body].cross(arm), near, 2 * near, out);
@@ -444,12 +458,24 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
         if (body == tool.body || is_jaw(body) || info.admission == Admission::kRefused) continue;
         const double half_thickness = 0.5 * thickness_of(surfaces, body);
         const double reach = out.reach + half_thickness;
-        if (!boxes.empty() && !boxes_meet(boxes[body], segment_box(out.from, out.to, reach + tool.shell_radius))) continue;
+        const double way = bodies.motion[body] == Motion::kKinematic ? rigid_speed(surfaces, body) * params.greatest_age : 0;
+        if (!boxes.empty() && !boxes_meet(boxes[body], segment_box(out.from, out.to, reach + way + tool.shell_radius))) continue;
         mark_within_reach(params, surfaces, body, tool, state, reach, scratch, out);
         add_body(surfaces, body, half_thickness, speed, scratch, out);
     }
     group_triangles(out);
     if (!tool.point_shell.empty()) publish_point_shell_cache(params, tool, state, scratch, out);
+}
+
+void foresee_paths(const Paths& paths, double time, double period, std::span<const uint8_t> off, Poses& poses) {
+    for (uint32_t i = 0; i < paths.body.size(); ++i) {
+        const uint32_t body = paths.body[i];
+        const auto keys = std::span(paths.key).subspan(paths.keys[i].first, paths.keys[i].count);
+        if (body == kNone || (body < off.size() && off[body]) || path_jumps(keys, time, time + period)) continue;
+        const PathPoint to = sample_path(keys, time + period);
+        poses.velocity[body] = (to.position - poses.origin[body]) / period;
+        poses.angular_velocity[body] = rotation_vector(poses.orientation[body], to.orientation) / period;
+    }
 }
 
 void publish_point_shell_cache(const HapticParams& params, const HandTool& tool, const ToolState& state, LocalContactScratch& scratch,
@@ -520,8 +546,16 @@ void publish_compliance(const Surfaces& surfaces, const HandTool& tool, ToolStat
         if (group.body == body || group.body == known) continue;
         body = group.body;
         if (!is_deformable(surfaces.bodies, body)) continue;
+        double stiffness = stiffness_at_first_touch(surfaces, body, tool.point_shell.empty() ? tool.tip_radius : 0,
+                                                    state.device.velocity.norm() * out.period);
+        // where contacts leave no surface under the tip, the hand feels at least what the tissue bears
+        if (body == state.last_pass.touched && state.proxy_valid) {
+            const double series = state.coupling_force.norm() / (state.proxy - state.device.position).norm();
+            if (series < tool.coupling_stiffness)
+                stiffness = std::max(stiffness, series * tool.coupling_stiffness / (tool.coupling_stiffness - series));
+        }
         HapticSurface& surface = own_surface(body, out);
-        surface.deformable = true, surface.stiffness = stiffness_at_first_touch(surfaces, body);
+        surface.deformable = true, surface.stiffness = stiffness;
     }
 }
 
