@@ -61,6 +61,17 @@ struct ShellContact {
     TROCAR_FIELDS(point, body, "row of bodies or none", arm, "m", force, "N", slip, "m", depth, "m", side, sliding);
 };
 
+// Point of a surface that the proxy of a tip touched at the last tick: it rides on it, from one local contact model to
+// the next too.
+struct ContactAnchor {
+    uint32_t body = kNone;
+    uint32_t triangle = kNone;       // of the body's mesh
+    Vec3d weight = Vec3d::Zero();    // barycentric
+    Vec3d position = Vec3d::Zero();  // m, world, at that tick
+    double side = 0;                 // of the triangle, on which the proxy was: 1 = that of its normal, or -1; 0: beside it
+    TROCAR_FIELDS(body, "row of bodies or none", triangle, weight, position, "m", side);
+};
+
 // The body that a tool has pierced.
 struct ToolPierce {
     uint32_t body = kNone;
@@ -90,6 +101,9 @@ struct ToolState {
     DeviceMotion motion;                // used for extrapolation instead of the velocity of a single sample
     Vec3d proxy = Vec3d::Zero();        // m, world: centre of the tip sphere, kept outside the surface (god object)
     bool proxy_valid = false;           // false until the sphere is clear of every surface: no force
+    bool outside = false;               // a valid proxy is known to be outside every closed surface, not in a pierced body
+    uint64_t surface = 0;               // sequence of the local contact model at the last tick
+    ContactAnchor anchor;               // while the proxy of a tip is in contact
     uint32_t contacts = 0;              // surface constraints active on the proxy
     uint32_t touched = kNone;           // body whose surface the proxy is in contact with; kNone without contacts
     bool sliding = false;               // along the surface, faster than 1 mm/s
@@ -129,11 +143,12 @@ struct ToolState {
     // of any tool with jaws
     double grip_moment = 0;  // N m s, opening moment of tissue on the simulated jaws, summed over the period
     double grip_torque = 0;  // N m, its mean over the last pass: what the fingers that close them feel
-    TROCAR_FIELDS(device, motion, proxy, "m", proxy_valid, contacts, command, output, coupling_force, "N", contact_impulse, "N s",
-                  device_valid, time, "s", ticks, model_age, "s", gain, largest_force, "N", largest_wanted, "N", rejected_samples, touched,
-                  "row of bodies or none", last_pass, pierce, exit, pushed, "m", link_force, "N", link_force_before, "N", hand, clutch,
-                  safety, effect_velocity, "m/s", effect, events, proxy_turn, contact, device_spin, "rad/s", coupling_torque, "N m",
-                  contact_moment, "N m s", sliding, carried, "m", pull, "N", pull_torque, "N m", grip_moment, "N m s", grip_torque, "N m");
+    TROCAR_FIELDS(device, motion, proxy, "m", proxy_valid, outside, surface, anchor, contacts, command, output, coupling_force, "N",
+                  contact_impulse, "N s", device_valid, time, "s", ticks, model_age, "s", gain, largest_force, "N", largest_wanted, "N",
+                  rejected_samples, touched, "row of bodies or none", last_pass, pierce, exit, pushed, "m", link_force, "N",
+                  link_force_before, "N", hand, clutch, safety, effect_velocity, "m/s", effect, events, proxy_turn, contact, device_spin,
+                  "rad/s", coupling_torque, "N m", contact_moment, "N m s", sliding, carried, "m", pull, "N", pull_torque, "N m",
+                  grip_moment, "N m s", grip_torque, "N m");
 };
 
 }  // namespace trocar

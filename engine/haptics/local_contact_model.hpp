@@ -20,9 +20,10 @@ struct SurfaceCompliance {
     Vec3d device = Vec3d::Zero();           // m, device position ...
     Vec3d device_velocity = Vec3d::Zero();  // m/s, how it moved ...
     double time = 0;                        // s, ... and the time of it
-    double gap = 0;                         // m, added to the tip's radius against that body: contacts keep the
-                                            // simulated tip slightly above the surface, or let it penetrate
-    TROCAR_FIELDS(body, share, normal, device, "m", device_velocity, "m/s", time, "s", gap, "m");
+    double gap = 0;                         // m, along the normal from contact to the simulated tip: contacts keep it slightly
+                                            // above the surface, or let it penetrate
+    Vec3d slip = Vec3d::Zero();             // m, across the normal, from the proxy to the simulated tip
+    TROCAR_FIELDS(body, share, normal, device, "m", device_velocity, "m/s", time, "s", gap, "m", slip, "m");
 };
 
 // Surface near a tool, frozen at one contact pass. Immutable once published; the tick reads nothing else.
@@ -43,6 +44,7 @@ struct LocalContactModel {
     std::vector<Triangle> triangle;
     std::vector<std::array<uint32_t, 3>> neighbour;  // kNone where the patch ends
     std::vector<uint32_t> body;                      // per triangle
+    std::vector<uint32_t> source;                    // per triangle: its index in the body's mesh
     std::vector<TriangleLanes> lanes;                // one per group
     std::vector<TriangleGroup> group;                // all triangles, grouped in contiguous runs
     std::vector<TriangleGroup> block;                // all groups in contiguous runs
@@ -59,8 +61,8 @@ struct LocalContactModel {
     Vec3d tip = Vec3d::Zero();                       // m, of the simulated tool, where a proxy starts
     Quat turn;                                       // of it
     TROCAR_FIELDS(time, "s", sequence, from, "m", to, "m", reach, "m", fastest, "m/s", position, "m", velocity, "m/s", triangle, neighbour,
-                  body, half_thickness, "m", lanes, group, block, cluster, ball, cluster_ball, compliance, pull, "N", pull_before, "N",
-                  period, "s", point_shell, surface, in_hand, exit, placed, tip, "m", turn);
+                  body, source, half_thickness, "m", lanes, group, block, cluster, ball, cluster_ball, compliance, pull, "N", pull_before,
+                  "N", period, "s", point_shell, surface, in_hand, exit, placed, tip, "m", turn);
 };
 
 }  // namespace trocar

@@ -75,6 +75,7 @@ struct FrameScratch {
     RedundantConstraintsScratch redundant_constraints;
     IslandsScratch islands;
     LocalContactScratch local_contact;
+    Poses foreseen;  // of foresee_paths
     AdvanceIslandsScratch advance;
     std::array<HapticScratch, kMaxTools> haptic;
     SurfaceNormalsScratch normals;

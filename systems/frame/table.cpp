@@ -125,11 +125,17 @@ void islands(World& w, FrameState& f) { find_islands(w.bodies, w.contact_constra
 void local_contact(World& w, FrameState& f) {
     const Haptics& h = w.haptics;
     w.local_contact.resize(h.tool.size());
+    const Poses* poses = &w.poses;
+    if (std::ranges::any_of(w.paths.body, [](uint32_t body) { return body != kNone; })) {
+        f.scratch.foreseen = w.poses;
+        foresee_paths(w.paths, pass_seconds(w), period_seconds(w), w.node_state.off, f.scratch.foreseen);
+        poses = &f.scratch.foreseen;
+    }
     for (size_t t = 0; t < h.tool.size(); ++t) {
         const bool in_hand = w.node_state.laid_down.empty() || !w.node_state.laid_down[t];
-        publish_local_contact(haptic_params(w.clock.contact_rate), surfaces_of(w), w.boxes.box, h.tool[t], h.state[t],
-                              {pass_seconds(w), w.clock.pass + 1, period_seconds(w), in_hand}, f.scratch.local_contact, w.local_contact[t],
-                              std::span(h.jaw).subspan(h.tool[t].jaws.first, h.tool[t].jaws.count));
+        publish_local_contact(haptic_params(w.clock.contact_rate), {w.meshes, w.bodies, *poses, w.particles}, w.boxes.box, h.tool[t],
+                              h.state[t], {pass_seconds(w), w.clock.pass + 1, period_seconds(w), in_hand}, f.scratch.local_contact,
+                              w.local_contact[t], std::span(h.jaw).subspan(h.tool[t].jaws.first, h.tool[t].jaws.count));
     }
 }
 void haptic_surfaces(World& w, FrameState&) {
@@ -296,7 +302,7 @@ constexpr FrameStage kStages[] = {
         mask(R::kContactConstraints)}, any_pair},
     {S::kIslands,         P::kDetection,{"islands",         run<stages::islands>,           mask(R::kBodies, R::kContactConstraints, R::kJoinedBodies),
         mask(R::kIslands)}, any_mover},
-    {S::kLocalContact,    P::kHaptics,  {"local contact",   run<stages::local_contact>,     kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kNodeState, R::kBoxes),
+    {S::kLocalContact,    P::kHaptics,  {"local contact",   run<stages::local_contact>,     kShapes | mask(R::kClock, R::kPaths, R::kTools, R::kToolState, R::kNodeState, R::kBoxes),
         mask(R::kLocalContact)}, any_tool},
     {S::kHapticSurfaces,  P::kHaptics,  {"haptic surfaces", run<stages::haptic_surfaces>,   mask(R::kTools, R::kPoses),
         mask(R::kLocalContact)}, any_tool},

@@ -7,12 +7,14 @@
 #include "engine/base/check.hpp"
 #include "systems/haptics/contact/device_motion.hpp"
 #include "systems/haptics/contact/push_out.hpp"
+#include "systems/haptics/contact/surface_crossing.hpp"
 #include "systems/haptics/contact/surface_feel.hpp"
 namespace trocar {
 namespace {
 
 constexpr double kSlipSpeed = 1;     // m/s, of the proxy beyond twice that of the device: a longer displacement continues in the next tick
 constexpr double kNearby = 2e-4;     // m, a surface farther than this from contact with the tip does not carry it
+constexpr double kSeen = 5e-3;       // m, beyond contact: surfaces that tell on which side a free tip is
 constexpr double kLongestGap = 0.1;  // s, longer intervals between ticks are treated as this
 
 // ---- surface ----
@@ -34,6 +36,11 @@ struct TickSpan {
     double travel_at(double speed) const { return speed * std::abs(moved()) + (now.follow - before.follow).norm(); }
 };
 
+// Displacement (m) of the surface that yields: as compliance predicts, with the simulated tip resting on it.
+Vec3d compliant_offset(const HapticParams& params, const SurfaceCompliance& c, const Vec3d& device, double time) {
+    return surface_follow(params, c, device, time) + c.gap * c.normal;
+}
+
 // A surface is not extrapolated beyond the time it was published for: then it stands still.
 double shown_age(const HapticParams& params, double age) { return std::clamp(age, -params.greatest_age, params.greatest_age); }
 
@@ -45,42 +52,47 @@ TickSpan span_of(const HapticParams& params, const LocalContactModel& model, dou
     return span;
 }
 
-// Number of steps, each shorter than half the tip's radius so that the surface cannot pass over its centre.
-int carry_steps(const TickSpan& span, double radius) {
-    return static_cast<int>(std::clamp(std::ceil(span.surface_travel / (0.5 * radius)), 1.0, 16.0));
-}
-SurfaceTime after_step(const TickSpan& span, int step, int steps) {
-    const double left = double(steps - step) / steps;
-    return {span.now.age - span.moved() * left, span.now.follow - left * (span.now.follow - span.before.follow)};
+// Where the surface that the proxy touched has carried it since the last tick.
+Vec3d carried_position(const LocalContactModel& model, const TickSpan& span, const ToolState& state) {
+    const ContactAnchor& anchor = state.anchor;
+    if (state.contacts == 0 || anchor.triangle == kNone) return state.proxy;
+    const TrianglePlaced triangle = place_anchor(model, span.now, anchor);
+    if (!triangle.found) return state.proxy;
+    const Vec3d point = triangle.at(anchor.weight);
+    Vec3d arm = state.proxy - anchor.position;
+    // a surface that turned between two models leaves the proxy on its side
+    const Vec3d normal = triangle_normal(triangle.corner[0], triangle.corner[1], triangle.corner[2]).normalized();
+    if (anchor.side * arm.dot(normal) < 0) arm = anchor.side * arm.norm() * normal;
+    const bool drawn = state.surface != model.sequence && anchor.body == model.compliance.body;
+    const Vec3d carried = point + arm + (drawn ? model.compliance.slip : Vec3d(Vec3d::Zero()));
+    // a surface that recedes takes the proxy no farther than the device: contact never pulls
+    const Vec3d up = arm.normalized();
+    const double receded = up.dot(state.proxy - carried);
+    return carried + std::clamp(up.dot(state.device.position - carried), 0.0, std::max(0.0, receded)) * up;
 }
 
-// Moves the proxy with the surface that moved since the last tick. The gathered triangles are those after the
-// first step. False: the exit from a crowd of features is left to the search for the goal.
-bool carry_proxy(const LocalContactModel& model, const TickSpan& span, double radius, const Room& room, HapticScratch& scratch,
+// Moves the proxy with the surface that moved since the last tick. False: the exit from a crowd of features is left to
+// the search for the goal.
+bool carry_proxy(const LocalContactModel& model, const TickSpan& span, const Vec3d& carried, const Room& room, HapticScratch& scratch,
                  ToolState& state) {
-    const double travel = span.surface_travel;
-    if (travel == 0 && state.contacts == 0) return true;
-    const int steps = carry_steps(span, radius);
-    const Vec3d followed = span.now.follow - span.before.follow;
-    bool was_outside = state.contacts > 0;
-    for (int k = 1; k <= steps; ++k) {
-        if (was_outside && travel > 0) {
-            const SurfaceMotion motion = surface_motion(state.proxy, kNearby, scratch.near);
-            state.proxy += span.moved() / steps * motion.velocity;
-            if (motion.body != kNone && motion.body == model.compliance.body) state.proxy += followed / steps;
-        }
-        if (k > 1) place_near(after_step(span, k, steps), room.origin, scratch.near);
-        const ProxySearch s = find_proxy(state.proxy, state.proxy, room, 0, was_outside, scratch, k == steps);
-        state.proxy = s.proxy;
-        was_outside = was_outside || s.active > 0;
-        if (s.inside) {
-            state.proxy_valid = false;
-            state.contacts = 0;
-            return true;
-        }
-        if (s.left) return false;
+    const bool renewed = state.surface != model.sequence;
+    if (carried == state.proxy && span.surface_travel == 0 && state.contacts == 0 && !renewed) return true;
+    // between two models the surface does not move as either of them says: there the anchor keeps the side
+    SurfaceCrossing crossing;
+    if (!renewed || state.contacts == 0) crossing = first_crossing(span.before, state.proxy, carried, span.surface_travel, scratch.near);
+    state.proxy = crossing.index == kNone ? carried : above_crossing(crossing, scratch.near);
+    state.outside = state.outside || state.contacts > 0 || crossing.index != kNone;
+    if (renewed && state.contacts == 0 && crossing.index == kNone) {
+        const Exit exit = find_exit(state.proxy, kSeen, scratch);
+        if (exit.inside && state.outside) state.proxy = exit.point;
+        state.outside = state.outside || (exit.found && !exit.inside);
     }
-    return true;
+    const ProxySearch s = find_proxy(state.proxy, state.proxy, room, 0, state.outside, scratch, true);
+    state.proxy = s.proxy;
+    state.outside = state.outside || s.active > 0;
+    state.proxy_valid = !s.inside;
+    if (s.inside) state.contacts = 0;
+    return !s.left;
 }
 
 // Whether a tip there is clear of all nearby surface.
@@ -91,7 +103,8 @@ bool is_clear(const Vec3d& centre, HapticScratch& scratch) {
 }
 
 // Moves the proxy to its solution for the device's present position.
-void update_proxy(const LocalContactModel& model, const TickSpan& span, const HandTool& tool, HapticScratch& scratch, ToolState& state) {
+void update_proxy(const LocalContactModel& model, const TickSpan& span, const HandTool& tool, const Vec3d& carried_to,
+                  HapticScratch& scratch, ToolState& state) {
     constexpr double kSlow = 1e-3;  // m/s
     const Vec3d goal = state.device.position;
     if (!state.proxy_valid) {
@@ -99,17 +112,19 @@ void update_proxy(const LocalContactModel& model, const TickSpan& span, const Ha
         state.proxy = proxy_start(model, state).tip;
         state.contacts = 0;
         state.proxy_valid = is_clear(state.proxy, scratch);
+        state.outside = !find_exit(state.proxy, model.reach, scratch).inside;
         return;
     }
-    const Room room{state.proxy, span.travel};
-    const bool came_out = carry_proxy(model, span, tool.tip_radius, room, scratch, state);
+    const Vec3d from = state.proxy;
+    const Room room{carried_to, span.travel};
+    const bool came_out = carry_proxy(model, span, carried_to, room, scratch, state);
     if (!state.proxy_valid) return;
     const Vec3d carried = state.proxy;
     const double friction = feel_of(tool, model, state.touched, state.sliding).friction;
-    const ProxySearch s = find_proxy(state.proxy, goal, room, friction, state.contacts > 0, scratch);
+    const ProxySearch s = find_proxy(state.proxy, goal, room, friction, state.outside, scratch);
     if (!model.surface.empty()) {
         if (came_out) state.sliding = state.contacts > 0 && (s.proxy - carried).norm() > kSlow * span.elapsed;
-        state.carried += carried - room.origin;
+        state.carried += carried - from;
     }
     state.proxy = s.proxy;
     state.proxy_valid = !s.inside;
@@ -163,30 +178,36 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     if (!state.device_valid) return;
     state.gain = next_gain(params, tool.limits, accepted, time - state.device.time, state.model_age, span.elapsed, state.gain);
 
-    const Vec3d centre = state.proxy_valid ? state.proxy : proxy_start(model, state).tip;
     const double device_way = (state.device.position - last.position).norm();
-    span.before.follow = surface_follow(params, model.compliance, last.position, time - span.elapsed);
-    span.now.follow = surface_follow(params, model.compliance, state.device.position, time);
+    span.before.follow = compliant_offset(params, model.compliance, last.position, time - span.elapsed);
+    span.now.follow = compliant_offset(params, model.compliance, state.device.position, time);
+    const Vec3d centre = state.proxy_valid ? carried_position(model, span, state) : proxy_start(model, state).tip;
     const double own_travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) + 10 * kSkin;
     const double most_travel = span.travel_at(model.fastest);
     span.surface_travel = span.travel_at(fastest_near(model, span.now, tool, centre, own_travel + 3 * most_travel + kNearby));
     span.travel = own_travel + 2 * span.surface_travel;
-    // nothing is known beyond the region of the model
-    const double farthest = tool.tip_radius + std::max(0.0, model.compliance.gap) + span.travel + span.now.follow.norm();
-    if (segment_distance(centre, model.from, model.to) + farthest <= model.reach) {
-        const int steps = state.proxy_valid ? carry_steps(span, tool.tip_radius) : 1;
-        gather_surface(model, after_step(span, 1, steps), tool, centre, span.travel + span.surface_travel + kNearby, scratch);
-        update_proxy(model, span, tool, scratch, state);
+    // nothing is known beyond the region of the model, which has every surface that a tool there may meet
+    const bool covered = segment_distance(centre, model.from, model.to) + tool.tip_radius + own_travel <= model.reach;
+    if (covered) {
+        const double look_around = !state.proxy_valid ? model.reach : state.surface != model.sequence && state.contacts == 0 ? kSeen : 0;
+        const double carried_by = state.proxy_valid ? (centre - state.proxy).norm() : 0;
+        gather_surface(model, span.now, tool, centre, span.travel + span.surface_travel + carried_by + kNearby + look_around, scratch);
+        update_proxy(model, span, tool, centre, scratch, state);
+    } else if (state.proxy_valid && state.contacts > 0 && centre != state.proxy) {
+        state.anchor.position += centre - state.proxy;  // far out it rides on its surface
+        state.proxy = centre;
     } else {
         state.proxy_valid = false;
         state.contacts = 0;
     }
-    if (state.contacts == 0) state.touched = kNone, state.sliding = false, state.carried.setZero();
+    state.surface = model.sequence;
+    if (state.contacts == 0) state.touched = kNone, state.sliding = false, state.carried.setZero(), state.anchor = {};
     Vec3d drift = Vec3d::Zero();
-    if (state.contacts > 0 && span.surface_travel > 0) {
+    if (state.contacts > 0 && covered) {
         const SurfaceMotion motion = surface_motion(state.proxy, kNearby, scratch.near);
-        drift = motion.velocity;
-        if (motion.body != kNone && motion.body == model.compliance.body && span.elapsed > 0)
+        state.anchor = motion.anchor;
+        if (span.surface_travel > 0) drift = motion.velocity;
+        if (span.surface_travel > 0 && motion.body != kNone && motion.body == model.compliance.body && span.elapsed > 0)
             drift += (span.now.follow - span.before.follow) / span.elapsed;
     }
     const SurfaceFeel feel = feel_of(tool, model, state.touched, state.sliding);

@@ -139,7 +139,9 @@ void tick_tool(const HapticParams& params, const LocalContactModel& model, doubl
     const Vec3d felt =
         surface ? textured_force(*surface, state.model_age, feel.stiffness, state, state.command.force) : state.command.force;
     const bool held = state.proxy_valid || state.contacts > 0;
-    const Vec3d proxy = held ? state.proxy : state.device.position;
+    // tissue that yields before its motion is known lets the end of the coupling in
+    const double stretch = surface && surface->deformable ? feel.stiffness / tool.coupling_stiffness : 1;
+    const Vec3d proxy = state.device.position + (held ? stretch : 0) * (state.proxy - state.device.position);
     wanted.force = dissipate({tool.limits.dissipation, tool.max_force}, params.dt, {state.device.position, state.device.velocity, proxy},
                              safety.gain * state.pull, safety.gain * felt, safety);
     if (!tool.point_shell.empty()) {

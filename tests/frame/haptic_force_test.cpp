@@ -133,8 +133,13 @@ TEST(HapticForce, AJabGivesNoEnergy) {
     }
     std::printf("hand gave %.1f mJ in all, least %.3f mJ; observer's least %.3f mJ; largest force %.2f N\n", 1e3 * given, 1e3 * least,
                 1e3 * f.lowest_energy, largest);
-    EXPECT_GT(largest, 3);
-    EXPECT_GT(given, 0.05);
+    // what the tissue bears, without a click at the first touch
+    double bears = 0;
+    for (size_t pass = 0; pass < f.pushed.size(); ++pass)
+        if (f.middle[pass] >= 3.4) bears = std::max(bears, f.pushed[pass].norm());
+    EXPECT_GT(largest, 0.7 * bears);
+    EXPECT_LT(largest, 1.5 * bears);
+    EXPECT_GT(given, 2e-3);
     EXPECT_GT(least, -1e-3);
 }
 

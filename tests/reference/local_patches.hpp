@@ -1,4 +1,6 @@
 #pragma once
+#include <numeric>
+
 #include "components/mesh.hpp"
 #include "engine/haptics/local_contact_model.hpp"
 #include "systems/haptics/contact/local_contact_model.hpp"
@@ -13,6 +15,8 @@ inline LocalContactModel make_patch(const Mesh& mesh, double half_thickness = 0)
     model.triangle = mesh.triangle;
     model.neighbour.assign(mesh.triangle.size(), {kNone, kNone, kNone});
     model.body.assign(mesh.triangle.size(), 0);
+    model.source.resize(mesh.triangle.size());
+    std::iota(model.source.begin(), model.source.end(), 0u);
     model.half_thickness.assign(mesh.triangle.size(), half_thickness);
     group_triangles(model);
     return model;

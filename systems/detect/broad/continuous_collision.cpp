@@ -52,8 +52,15 @@ double time_of_impact_of(const ContactInputs& in, std::span<const CcdBody> ccd_b
         own = find_ccd_body(ccd_bodies, mover);
     }
     if (own == nullptr) return kNever;
-    // tissue yields to a hand: stopped at its surface, the tool would stay behind and give no force
-    if (bodies.motion[mover] == Motion::kHand && is_deformable(bodies, other)) return kNever;
+    // tissue yields to a hand: stopped at its surface, the tool would stay behind and give no force. It may go in by half
+    // the body's mean thickness: so far the contacts of the next pass find from which side
+    double seconds_inside = 0;
+    if (bodies.motion[mover] == Motion::kHand && is_deformable(bodies, other)) {
+        const double arm = s.meshes.info[bodies.mesh[mover]].radius, speed = own->sweep.velocity.norm() + own->sweep.spin.norm() * arm;
+        const MeshInfo& info = s.meshes.info[bodies.mesh[other]];
+        seconds_inside = (info.admission == Admission::kSheet ? 0.5 * bodies.thickness[other] : info.volume / info.area) / speed;
+        if (!(seconds_inside < in.period)) return kNever;
+    }
     const CcdBody* second = find_ccd_body(ccd_bodies, other);
     Vec3d velocity = Vec3d::Zero();
     if (second != nullptr) {
@@ -63,8 +70,10 @@ double time_of_impact_of(const ContactInputs& in, std::span<const CcdBody> ccd_b
     }
     const double least = in.params.tolerance + 0.5 * bodies.thickness[other];
     if (passes_by(in, mover, own->sweep, other, velocity, least)) return kNever;
-    return first_touch(mesh_view(s.meshes, bodies.mesh[mover]), *in.trees[bodies.tree[mover]], mesh_view(s.meshes, bodies.mesh[other]),
-                       *in.trees[bodies.tree[other]], seen_from(s, other, own->sweep, velocity), in.period, least);
+    const double touch =
+        first_touch(mesh_view(s.meshes, bodies.mesh[mover]), *in.trees[bodies.tree[mover]], mesh_view(s.meshes, bodies.mesh[other]),
+                    *in.trees[bodies.tree[other]], seen_from(s, other, own->sweep, velocity), in.period, least);
+    return touch > 0 ? touch + seconds_inside : touch;
 }
 
 void cover_ways(std::span<const CcdBody> ccd_bodies, double seconds, const Surfaces& surfaces, BodyBoxes& boxes) {

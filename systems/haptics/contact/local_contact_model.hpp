@@ -2,6 +2,7 @@
 #include <span>
 #include <vector>
 
+#include "components/paths.hpp"
 #include "components/tool.hpp"
 #include "components/tool_state.hpp"
 #include "engine/haptics/local_contact_model.hpp"
@@ -45,6 +46,10 @@ struct ModelPass {
 void publish_local_contact(const HapticParams& params, const Surfaces& surfaces, std::span<const Box> boxes, const HandTool& tool,
                            const ToolState& state, const ModelPass& pass, LocalContactScratch& scratch, LocalContactModel& out,
                            std::span<const ToolJaw> jaws = {});
+
+// Sets the velocities of scripted bodies to their mean until the next pass, `period` s away: a model extrapolated with
+// them leads to where the bodies will be, also where they start or stop on the way.
+void foresee_paths(const Paths& paths, double time, double period, std::span<const uint8_t> off, Poses& poses);
 
 // The part that only tools with a point shell need, model.point_shell (point-shell cache), from the rest of the
 // model: trees, the pose of the shell, and the distance of every point from every tree.

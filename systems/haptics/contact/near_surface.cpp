@@ -20,14 +20,6 @@ Vec3d beyond(const LocalContactModel& model, const SurfaceTime& at, uint32_t bod
     return body == model.compliance.body ? at.follow : Vec3d(Vec3d::Zero());
 }
 
-// m, distance between the centre of a tip and a triangle in contact
-double touching_distance(const LocalContactModel& model, uint32_t body, double half_thickness, double tip_radius) {
-    return tip_radius + half_thickness + (body == model.compliance.body ? model.compliance.gap : 0);
-}
-double touching_distance(const LocalContactModel& model, const TriangleGroup& of, double tip_radius) {
-    return touching_distance(model, of.body, of.half_thickness, tip_radius);
-}
-
 // Distances at which a tip is in contact.
 struct TipReach {
     const SurfaceTime& at;
@@ -37,7 +29,7 @@ struct TipReach {
 };
 
 bool may_meet(const LocalContactModel& model, const TriangleGroup& group, const TipReach& tip) {
-    const double age = tip.at.age, reach = touching_distance(model, group, tip.tip_radius) + tip.travel;
+    const double age = tip.at.age, reach = tip.tip_radius + group.half_thickness + tip.travel;
     return within_distance(group.centre + age * group.velocity + beyond(model, tip.at, group.body), tip.centre,
                            group.radius + group.spread * std::abs(age) + reach);
 }
@@ -79,8 +71,7 @@ template <typename Visit>
 void for_parts_near(const LocalContactModel& model, const TriangleGroup& run, const GroupBalls& ball, const TipReach& tip,
                     const Visit& visit) {
     if (!may_meet(model, run, tip)) return;
-    const BlockLanes gap =
-        gaps_of(run, ball, tip.at, beyond(model, tip.at, run.body), tip.centre, touching_distance(model, run, tip.tip_radius));
+    const BlockLanes gap = gaps_of(run, ball, tip.at, beyond(model, tip.at, run.body), tip.centre, tip.tip_radius + run.half_thickness);
     for (uint32_t k = 0; k < run.triangles.count; ++k)
         if (static_cast<double>(gap[k]) <= tip.travel) visit(k, gap[k]);
 }
@@ -225,10 +216,6 @@ void find_along(const Vec3d& step, double beyond, bool free_ones, NearSurface& n
 
 // Among the triangles within `reach` (m) of contact at a point, the nearest one closer than `most` to
 // contact; ties go to the first in the model.
-struct NearestIndex {
-    uint32_t index = kNone;
-    TrianglePoint at;
-};
 NearestIndex nearest_index(const Vec3d& point, double reach, double most, NearSurface& near) {
     go_to(point, near);
     find_within(reach, near);
@@ -251,6 +238,14 @@ NearestIndex nearest_index(const Vec3d& point, double reach, double most, NearSu
 
 }  // namespace
 
+Vec3d weights_at(const std::array<Vec3d, 3>& corner, const Vec3d& point) {
+    const Vec3d u = corner[1] - corner[0], v = corner[2] - corner[0], w = point - corner[0];
+    const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), area = uu * vv - uv * uv;
+    const double b = area > 0 ? std::clamp((vv * u.dot(w) - uv * v.dot(w)) / area, 0.0, 1.0) : 0;
+    const double c = area > 0 ? std::clamp((uu * v.dot(w) - uv * u.dot(w)) / area, 0.0, 1.0 - b) : 0;
+    return {1 - b - c, b, c};
+}
+
 void find_within(double beyond, NearSurface& near) { find_along(Vec3d::Zero(), beyond, false, near); }
 
 void find_ahead(const Vec3d& step, NearSurface& near) { find_along(step, 0, true, near); }
@@ -267,7 +262,7 @@ uint32_t ask_for(NearSurface& near, uint32_t triangle) {
     NearTriangle& one = near.triangle.emplace_back();
     one.triangle = triangle, one.body = model.body[triangle];
     one.sheet = model.half_thickness[triangle] > 0;
-    one.offset = touching_distance(model, one.body, model.half_thickness[triangle], near.tip_radius);
+    one.offset = near.tip_radius + model.half_thickness[triangle];
     const Vec3d more = beyond(model, near.time, one.body);
     for (size_t k = 0; k < 3; ++k) {
         const uint32_t v = model.triangle[triangle][k];
@@ -323,28 +318,12 @@ void gather_near(const LocalContactModel& model, const SurfaceTime& at, const Ha
     const TipReach tip{at, centre, tool.tip_radius, travel};
     for_blocks_near(model, tip, [&](uint32_t b) {
         const TriangleGroup& block = model.block[b];
-        const double offset = touching_distance(model, block, tool.tip_radius);
+        const double offset = tool.tip_radius + block.half_thickness;
         for_parts_near(model, block, model.ball[b], tip, [&](uint32_t k, float gap) {
-            near.group.push_back({block.triangles.first + k, b, block.body, kNone, offset, static_cast<double>(gap)});
+            near.group.push_back({block.triangles.first + k, block.body, kNone, offset, static_cast<double>(gap)});
         });
     });
     if (near.sight.size() < near.group.size()) near.sight.resize(near.group.size());
-}
-
-void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near) {
-    near.time = at;
-    start_path(centre, near);
-    const LocalContactModel& model = *near.model;
-    uint32_t block = kNone;
-    BlockLanes gap{};
-    for (NearGroup& group : near.group) {
-        if (group.block != block) {
-            block = group.block;
-            gap = gaps_of(model.block[block], model.ball[block], at, beyond(model, at, group.body), centre, group.offset);
-        }
-        group.seen = kNone;
-        group.wake = static_cast<double>(gap[group.group - model.block[block].triangles.first]);
-    }
 }
 
 void go_to(const Vec3d& centre, NearSurface& near) {
@@ -365,16 +344,35 @@ SurfaceMotion surface_motion(const Vec3d& point, double most, NearSurface& near)
         if (reach == most || (found.index != kNone && (reach == 0 || found.at.squared_distance <= std::pow(least_offset + reach, 2))))
             break;
     }
-    const uint32_t nearest = found.index;
-    const TrianglePoint& closest = found.at;
-    if (nearest == kNone) return {};
-    const Vec3d p = corner_of(near, nearest, 0), q = corner_of(near, nearest, 1), r = corner_of(near, nearest, 2);
-    const Vec3d u = q - p, v = r - p, w = point + closest.offset - p;
-    const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), area = uu * vv - uv * uv;
-    const double b = area > 0 ? std::clamp((vv * u.dot(w) - uv * v.dot(w)) / area, 0.0, 1.0) : 0;
-    const double c = area > 0 ? std::clamp((uu * v.dot(w) - uv * u.dot(w)) / area, 0.0, 1.0 - b) : 0;
-    const Triangle& t = vertices_of(near, nearest);
-    return {(1 - b - c) * model.velocity[t[0]] + b * model.velocity[t[1]] + c * model.velocity[t[2]], near.triangle[nearest].body};
+    if (found.index == kNone) return {};
+    const NearTriangle& one = near.triangle[found.index];
+    const Vec3d at = point + found.at.offset, w = weights_at(one.corner, at);
+    const Triangle& t = vertices_of(near, found.index);
+    const double up = -normal_of(near, found.index).dot(found.at.offset);
+    const bool above = std::abs(up) > 0.5 * std::sqrt(found.at.squared_distance);
+    return {w[0] * model.velocity[t[0]] + w[1] * model.velocity[t[1]] + w[2] * model.velocity[t[2]],
+            one.body,
+            {one.body, model.source[one.triangle], w, at, above ? std::copysign(1.0, up) : 0}};
 }
+
+TrianglePlaced place_anchor(const LocalContactModel& model, const SurfaceTime& at, const ContactAnchor& anchor) {
+    TrianglePlaced placed;
+    // bodies ascend, and triangles within a body
+    uint32_t first = 0;
+    for (uint32_t count = static_cast<uint32_t>(model.triangle.size()); count > 0;) {
+        const uint32_t half = count / 2, t = first + half;
+        const bool before = std::pair(model.body[t], model.source[t]) < std::pair(anchor.body, anchor.triangle);
+        first = before ? t + 1 : first, count = before ? count - half - 1 : half;
+    }
+    if (first == model.triangle.size() || model.body[first] != anchor.body || model.source[first] != anchor.triangle) return placed;
+    placed.found = true;
+    for (size_t k = 0; k < 3; ++k) {
+        const uint32_t v = model.triangle[first][k];
+        placed.corner[k] = model.position[v] + at.age * model.velocity[v] + beyond(model, at, anchor.body);
+    }
+    return placed;
+}
+
+NearestIndex nearest_within(const Vec3d& point, double most, NearSurface& near) { return nearest_index(point, most, most, near); }
 
 }  // namespace trocar

@@ -6,6 +6,7 @@
 
 #include "components/mesh.hpp"
 #include "components/tool.hpp"
+#include "components/tool_state.hpp"
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/haptics/local_contact_model.hpp"
 namespace trocar {
@@ -22,8 +23,7 @@ struct SurfaceTime {
 
 // Group of the model with a triangle that a tip may reach in a tick.
 struct NearGroup {
-    uint32_t group = 0;  // index in the model, and of its block
-    uint32_t block = 0;
+    uint32_t group = 0;  // index in the model
     uint32_t body = kNone;
     uint32_t seen = kNone;  // NearSurface::places when it was evaluated; kNone: not yet
     double offset = 0;      // m, tip radius + half thickness: contact distance of the tip's centre
@@ -86,8 +86,6 @@ double fastest_near(const LocalContactModel& model, const SurfaceTime& at, const
 // Gathers the groups of triangles, at that time, that a tip may touch within `travel` (m) of `centre`.
 void gather_near(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel,
                  NearSurface& near);
-// Moves the gathered groups to another time.
-void place_near(const SurfaceTime& at, const Vec3d& centre, NearSurface& near);
 // Moves the tip there.
 void go_to(const Vec3d& centre, NearSurface& near);
 
@@ -108,10 +106,29 @@ const Vec3d& normal_of(NearSurface& near, uint32_t index);
 TrianglePoint closest_on_triangle(const NearSurface& near, uint32_t index, const Vec3d& point);
 inline const Triangle& vertices_of(const NearSurface& near, uint32_t index) { return near.model->triangle[near.triangle[index].triangle]; }
 
+// The nearest triangle to a point, among those nearer than `most` (m) to contact; ties go to the first in the model.
+struct NearestIndex {
+    uint32_t index = kNone;
+    TrianglePoint at;
+};
+NearestIndex nearest_within(const Vec3d& point, double most, NearSurface& near);
+
+// Barycentric weights of a point of a triangle.
+Vec3d weights_at(const std::array<Vec3d, 3>& corner, const Vec3d& point);
+
+// A triangle of a body in a model at a time; not found beyond the model's reach.
+struct TrianglePlaced {
+    bool found = false;
+    std::array<Vec3d, 3> corner;  // m
+    Vec3d at(const Vec3d& weight) const { return weight[0] * corner[0] + weight[1] * corner[1] + weight[2] * corner[2]; }
+};
+TrianglePlaced place_anchor(const LocalContactModel& model, const SurfaceTime& at, const ContactAnchor& anchor);
+
 // Velocity of the surface at its closest point to a point; none if nothing is nearer than `most` to contact.
 struct SurfaceMotion {
     Vec3d velocity = Vec3d::Zero();  // m/s, of the model
     uint32_t body = kNone;
+    ContactAnchor anchor;
 };
 SurfaceMotion surface_motion(const Vec3d& point, double most, NearSurface& near);
 

@@ -133,12 +133,12 @@ NearestTriangle nearest_to(const LocalContactModel& model, uint32_t tree, uint32
     return nearest.at.squared_distance <= reach * reach ? nearest : NearestTriangle{};
 }
 
-// Whether the model contains every surface that a point may reach.
+// Whether the model contains every surface that a point may reach: it has all that may come within its reach.
 bool covers(const LocalContactModel& model, const HandTool& tool, const Pose& pose, const SurfaceMoment& moment, double band) {
     const double displacement = (pose.tip - model.point_shell.tip).norm() +
                                 angle_between(model.point_shell.turn, pose.turn) * tool.shell_radius +
                                 pose.reach * std::abs(pose.grip - model.point_shell.grip);
-    return displacement + model.fastest * std::abs(moment.age) + moment.follow.norm() + band <= model.reach;
+    return displacement + moment.follow.norm() + band <= model.reach;
 }
 
 // Contact of a point with a body at the last tick; queries must ascend in body and point.
@@ -373,15 +373,18 @@ Iteration move_shell(const LocalContactModel& model, const HandTool& tool, const
 }
 
 // The coupling in series with the stiffness of the touched surfaces, weighted by the force on each body.
-double coupling_in_series(const HandTool& tool, const LocalContactModel& model, const std::vector<ShellContact>& contacts) {
+double coupling_in_series(const HandTool& tool, const LocalContactModel& model, const std::vector<ShellContact>& contacts,
+                          const std::vector<ShellPlane>& planes) {
     if (model.surface.empty()) return tool.coupling_stiffness;
     double press = 0, yield = 0;  // N, m
-    for (const ShellContact& c : contacts) {
-        const double force = c.force.norm();
+    const auto add = [&](uint32_t body, double force) {
         press += force;
-        const HapticSurface* surface = surface_of(model, c.body);
+        const HapticSurface* surface = surface_of(model, body);
         if (surface && surface->stiffness > 0) yield += force / surface->stiffness;
-    }
+    };
+    for (const ShellContact& c : contacts) add(c.body, c.force.norm());
+    if (contacts.empty())  // at the first touch, of the surfaces near it
+        for (const ShellPlane& plane : planes) add(plane.body, 1);
     return press > 0 ? tool.coupling_stiffness * press / (press + tool.coupling_stiffness * yield) : tool.coupling_stiffness;
 }
 
@@ -515,7 +518,7 @@ Iteration search_and_move(const LocalContactModel& model, const HandTool& tool, 
         state.proxy_valid = !inside;
         return Iteration::kDone;
     }
-    ShellSprings springs{coupling_in_series(tool, model, state.contact), tool.turn_stiffness, tool.surface_stiffness, {}};
+    ShellSprings springs{coupling_in_series(tool, model, state.contact, s.plane), tool.turn_stiffness, tool.surface_stiffness, {}};
     springs.to_device = {state.device.position - pose.tip, rotation_vector(pose.turn, state.device.orientation)};
     return move_shell(model, tool, springs, span, pose, s, state);
 }

@@ -356,6 +356,16 @@ void find_touched(const Vec3d& centre, HapticScratch& scratch) {
     std::erase_if(touched, [](const TouchedFeature& f) { return f.shadowed; });
 }
 
+Exit find_exit(const Vec3d& centre, double most, HapticScratch& scratch) {
+    constexpr double kAbove = 1e-8;  // m
+    const NearestIndex nearest = nearest_within(centre, most, scratch.near);
+    scratch.planes_place = kNone;
+    if (nearest.index == kNone) return {};
+    const Vec3d& offset = nearest.at.offset;
+    const bool inside = is_behind(scratch.near, nearest.index, nearest.at.feature, offset);
+    return {true, inside, centre + offset + kAbove * offset.normalized()};
+}
+
 void gather_surface(const LocalContactModel& model, const SurfaceTime& at, const HandTool& tool, const Vec3d& centre, double travel,
                     HapticScratch& scratch) {
     scratch.planes_place = kNone;

@@ -44,6 +44,15 @@ void gather_surface(const LocalContactModel& model, const SurfaceTime& at, const
 // surface around them: the others belong to a neighbour with a nearer contact.
 void find_touched(const Vec3d& centre, HapticScratch& scratch);
 
+// Whether a point is inside a closed body whose surface is within `most` (m) of contact, and the point just outside
+// it by the shortest way.
+struct Exit {
+    bool found = false;   // the surface
+    bool inside = false;
+    Vec3d point = Vec3d::Zero();
+};
+Exit find_exit(const Vec3d& centre, double most, HapticScratch& scratch);
+
 struct ProxySearch {
     Vec3d proxy = Vec3d::Zero();
     uint32_t active = 0;  // constraining planes

@@ -78,10 +78,15 @@ void publish_yield(const Nodes& nodes, const NodeState& node_state, const Bodies
         const double mobility = tool_mass * drive_mobility(drive, node_state.drive[d], at + offset, offset / distance);
         const double share = mobility / (1 + mobility);
         if (!(share > 0)) continue;
-        auto surface = std::find_if(out.surface.begin(), out.surface.end(), [&](const HapticSurface& s) { return s.body == drive.body; });
-        if (surface == out.surface.end()) surface = out.surface.emplace(surface), surface->body = drive.body;
-        surface->stiffness = tool.coupling_stiffness * (1 - share) / share;
+        own_surface(drive.body, out).stiffness = tool.coupling_stiffness * (1 - share) / share;
     }
+}
+
+HapticSurface& own_surface(uint32_t body, LocalContactModel& model) {
+    const auto found = std::find_if(model.surface.begin(), model.surface.end(), [&](const HapticSurface& s) { return s.body == body; });
+    if (found != model.surface.end()) return *found;
+    model.surface.emplace_back().body = body;
+    return model.surface.back();
 }
 
 void publish_surfaces(std::span<const HapticSurface> surfaces, const Poses& poses, LocalContactModel& out) {
@@ -106,6 +111,8 @@ SurfaceFeel feel_of(const HandTool& tool, const LocalContactModel& model, uint32
     const HapticSurface* s = model.surface.empty() ? nullptr : surface_of(model, body);
     if (!s) return feel;
     if (s->stiffness > 0) feel.stiffness *= s->stiffness / (tool.coupling_stiffness + s->stiffness);
+    // what yields under the tip moves with it
+    if (s->deformable) feel.damping *= feel.stiffness / tool.coupling_stiffness;
     feel.damping += s->damping;
     const double friction = sliding ? s->dynamic_friction : s->static_friction;
     if (friction >= 0) feel.friction = friction;

@@ -20,6 +20,9 @@ void publish_surfaces(std::span<const HapticSurface> surfaces, const Poses& pose
 void publish_yield(const Nodes& nodes, const NodeState& node_state, const Bodies& bodies, const HandTool& tool, const ToolState& state,
                    LocalContactModel& out);
 
+// Surface properties of a body; made if it has none of its own.
+HapticSurface& own_surface(uint32_t body, LocalContactModel& model);
+
 // Surface properties of a body; null if it has none of its own.
 const HapticSurface* surface_of(const LocalContactModel& model, uint32_t body);
 

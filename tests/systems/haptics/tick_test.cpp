@@ -519,6 +519,62 @@ TEST(HapticTick, T12RisingSurfaceCarriesTheProxy) {
     }
 }
 
+// A new model whose surface lies up to 6 mm farther than the last one said, through a tip of any size: the proxy stays
+// on its side of a closed plate of 1 mm and of a sheet. Breaks when the tip looks only its radius around itself.
+TEST(HapticTick, ASurfaceThatJumpsBetweenModelsKeepsTheTip) {
+    std::mt19937 random(12);
+    std::uniform_real_distribution<double> any(-1, 1);
+    for (const double radius : {5e-5, 3e-4, 3e-3, 1e-2}) {
+        for (const double half_thickness : {0.0, 2e-4}) {
+            const Mesh plate = half_thickness > 0 ? make_plane(20, 0.08) : reference::make_box({-0.08, -0.08, -1e-3}, {0.08, 0.08, 0});
+            Rig rig = still_rig(make_patch(plate, half_thickness));
+            rig.tool.tip_radius = radius;
+            const double contact = radius + half_thickness;
+            rig.at({0.001, 0.002, contact + 0.01});
+            rig.go({0.001, 0.002, contact - 1e-3}, 0.1);
+            for (int k = 0; k < 60; ++k) {
+                const double up = 6e-3 * any(random), rise = 0.2 * any(random);
+                rig.model.position = plate.position;
+                for (Vec3d& p : rig.model.position) p.z() += up;
+                for (Vec3d& v : rig.model.velocity) v = Vec3d(0, 0, rise);
+                ++rig.model.sequence, rig.model.time = rig.time();
+                group_triangles(rig.model);
+                for (int n = 0; n < 8; ++n) {
+                    rig.at({0.001, 0.002, contact - 8e-3});
+                    const double top = up + rise * rig.state.model_age;
+                    ASSERT_TRUE(rig.state.proxy_valid);
+                    ASSERT_NEAR(rig.state.proxy.z(), top + contact, 2e-8) << radius << ' ' << half_thickness << ' ' << k << ' ' << n;
+                }
+            }
+        }
+    }
+}
+
+// A body that passes over a still tip within a tick, at up to 30 m/s, and stops around it: stiffness times the way back
+// to its front. Breaks when surfaces are not swept.
+TEST(HapticTick, ABodyThatPassesWithinATickTakesTheTipAlong) {
+    std::mt19937 random(13);
+    std::uniform_real_distribution<double> any(0, 1);
+    for (const double radius : {5e-5, 3e-4, 3e-3}) {
+        for (const double thickness : {1e-3, 0.02}) {
+            for (const double speed : {0.5, 3.0, 30.0}) {
+                const LocalContactModel base = make_patch(reference::make_box({-0.05, -0.05, -thickness}, {0.05, 0.05, 0}));
+                Rig rig = still_rig(base);
+                rig.tool.tip_radius = radius;
+                const double away = 1e-3 + 0.04 * any(random), depth = 1e-4 + 5e-3 * any(random);
+                rig.params.greatest_age = (away + depth) / speed;  // then it stands still
+                rig.model = moving(base, {0, 0, speed}, 0);
+                for (Vec3d& p : rig.model.position) p.z() -= radius + away;
+                group_triangles(rig.model);
+                for (int k = 0; k < 3 + static_cast<int>(1e3 * (away + depth) / speed); ++k) rig.at({0.003, 0.002, 0});
+                rig.rest(20);
+                EXPECT_NEAR(rig.state.command.force.z(), rig.tool.coupling_stiffness * depth, 1e-5)
+                    << radius << ' ' << thickness << ' ' << speed;
+            }
+        }
+    }
+}
+
 // T12. With friction that sticks, the proxy moves sideways with the surface.
 TEST(HapticTick, T12SidewaysSurfaceDragsAStuckProxy) {
     const LocalContactModel base = make_patch(make_plane(20));
@@ -532,9 +588,9 @@ TEST(HapticTick, T12SidewaysSurfaceDragsAStuckProxy) {
         rig.model.time = rig.time();
         rig.at({0, 0, kRadius - 1e-3});
     }
-    // 50 ticks at 50 um, the first from the velocity alone
-    EXPECT_NEAR(rig.state.proxy.x(), 50 * 0.05 * kTick, 1e-7);
-    EXPECT_NEAR(rig.state.command.force.x(), rig.tool.coupling_stiffness * 50 * 0.05 * kTick, 1e-3);
+    // with the positions of the surface: at rest in the first of 50 ticks, then 50 um a tick
+    EXPECT_NEAR(rig.state.proxy.x(), 49 * 0.05 * kTick, 1e-9);
+    EXPECT_NEAR(rig.state.command.force.x(), rig.tool.coupling_stiffness * 49 * 0.05 * kTick, 1e-3);
 }
 
 // Between two models a surface at constant velocity gives the force at its present position, not at that of

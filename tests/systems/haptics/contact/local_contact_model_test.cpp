@@ -28,6 +28,7 @@ struct Scene {
         bodies.mesh.push_back(add_prototype(meshes, mesh, admission));
         bodies.motion.push_back(motion);
         bodies.thickness.push_back(thickness);
+        bodies.tissue.emplace_back();
         poses.origin.push_back(origin);
         poses.orientation.push_back(turn);
         poses.velocity.push_back(Vec3d::Zero());
