@@ -60,7 +60,7 @@ struct RigidMass {
     Vec3d centre = Vec3d::Zero();        // m, centre of mass, body frame
     Vec3d moments = Vec3d::Constant(1);  // kg m^2, principal moments of inertia
     Quat axes;                           // principal frame to body frame
-    TROCAR_FIELDS(body, "row of bodies", mass, "kg", centre, "m", moments, "kg m^2", axes);
+    TROCAR_FIELDS(body, "index of bodies", mass, "kg", centre, "m", moments, "kg m^2", axes);
 };
 
 // Identity and material of every body. Constant while a scene runs (spawning and removal aside). One element each.
@@ -79,8 +79,8 @@ struct Bodies {
     std::vector<Stepping> stepping;       // empty = leapfrog for all
     std::vector<double> thickness;        // m, sheets only
     std::vector<RigidMass> rigid_mass;    // one element per free body, ascending by body
-    TROCAR_FIELDS(entity, name, mesh, "row of meshes", motion, particles, "rows of particles", tree, anchor_frame, tissue, spring_stiffness,
-                  "N/m", inv_mass, "1/kg", stable_dt, "s", thickness, "m", rigid_mass, stepping);
+    TROCAR_FIELDS(entity, name, mesh, "index of meshes", motion, particles, "range of particles", tree, anchor_frame, tissue,
+                  spring_stiffness, "N/m", inv_mass, "1/kg", stable_dt, "s", thickness, "m", rigid_mass, stepping);
 };
 
 // Names become parts of file names and messages: at most 80 bytes, without /, \, " and control characters.

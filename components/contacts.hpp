@@ -167,7 +167,7 @@ struct ContactMemory {
     std::vector<std::array<uint32_t, 2>> vertex;  // local vertices of body
     std::vector<float> along;                     // as in ContactConstraints
     std::vector<Vec3d> force;                     // N, on body, world axes, in the last substep
-    TROCAR_FIELDS(body, "row of bodies", other, "row of bodies", vertex, along, force, "N");
+    TROCAR_FIELDS(body, "index of bodies", other, "index of bodies", vertex, along, force, "N");
 };
 
 // Identifies a point of a body against another body, in the order of Contacts: pair, side, vertices before

@@ -18,7 +18,7 @@ struct RigidSweep {
 struct CcdBody {
     uint32_t body = kNone;
     RigidSweep sweep;
-    TROCAR_FIELDS(body, "row of bodies", sweep);
+    TROCAR_FIELDS(body, "index of bodies", sweep);
 };
 
 }  // namespace trocar

@@ -6,8 +6,8 @@
 namespace trocar {
 
 // In a struct, its members once, each followed by its unit if it has one, or by the array that it indexes:
-// "row of bodies", "row of bodies or none" (kNone), for a Range "rows of links"; find_fault checks those.
-//     TROCAR_FIELDS(body, "row of bodies", position, "m", orientation, velocity, "m/s");
+// "index of bodies", "index of bodies or none" (kNone), for a Range "range of links"; find_fault checks those.
+//     TROCAR_FIELDS(body, "index of bodies", position, "m", orientation, velocity, "m/s");
 // All code that hashes, stores, reads back, empties, checks or prints the struct uses this list, in this
 // order. Members to be left out (caches that affect no result) are named by TROCAR_OTHER_FIELDS. A member in
 // neither list does not compile: engine/world/resources.cpp.

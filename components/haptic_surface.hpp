@@ -27,7 +27,7 @@ struct HapticSurface {
     Quat orientation;
     Vec3d velocity = Vec3d::Zero();  // m/s, of the origin, and
     Vec3d spin = Vec3d::Zero();      // rad/s, of rigid bodies
-    TROCAR_FIELDS(body, "row of bodies", stiffness, "N/m", damping, "N s/m", static_friction, dynamic_friction, texture, height, "m",
+    TROCAR_FIELDS(body, "index of bodies", stiffness, "N/m", damping, "N s/m", static_friction, dynamic_friction, texture, height, "m",
                   length, "m", along, deformable, origin, "m", orientation, velocity, "m/s", spin, "rad/s");
 };
 

@@ -50,9 +50,9 @@ struct LinkGroup {
     Vec3d impulse = Vec3d::Zero();                         // N s, of the holder on the body, last pass
     double largest_force = 0;                              // N, mean over a pass, so far
     double largest_strain = 0;                             // so far
-    TROCAR_FIELDS(entity, name, body, "row of bodies or none", holder, "row of bodies or none", phase, region, frame, material, within, "m",
-                  most, stiffness, "N/m", rest, "m", break_strain, gauge, "m", begin, "s", end, "s", tool, "row of tools or none", links,
-                  "rows of links", made, broken, impulse, "N s", largest_force, "N", largest_strain);
+    TROCAR_FIELDS(entity, name, body, "index of bodies or none", holder, "index of bodies or none", phase, region, frame, material, within,
+                  "m", most, stiffness, "N/m", rest, "m", break_strain, gauge, "m", begin, "s", end, "s", tool, "index of tools or none",
+                  links, "range of links", made, broken, impulse, "N s", largest_force, "N", largest_strain);
 };
 
 // Springs between bodies, in the order of their groups. State: links change while a scene runs. Capacity is

@@ -51,8 +51,8 @@ struct NodeDrive {
     double click_at = std::numeric_limits<double>::infinity();  // m, a button beyond this counts as pressed ...
     double click_width = 0;                                     // m, ... and over this distance the spring force drops
     double click = 0;                                           // N, by this amount
-    TROCAR_FIELDS(node, "row of nodes", body, "row of bodies", behaviour, axis, pivot, "m", origin, "m", orientation, inertia, "kg", lowest,
-                  highest, stiffness, rest, damping, friction, detents, detent, "N m", click_at, "m", click_width, "m", click, "N");
+    TROCAR_FIELDS(node, "index of nodes", body, "index of bodies", behaviour, axis, pivot, "m", origin, "m", orientation, inertia, "kg",
+                  lowest, highest, stiffness, rest, damping, friction, detents, detent, "N m", click_at, "m", click_width, "m", click, "N");
 };
 
 struct DriveState {
@@ -76,7 +76,7 @@ struct NodeSwitch {
     uint32_t tool = kNone, buttons = 0;                     // bits
     uint32_t drive = kNone;
     NodeEventKind event = NodeEventKind::kPressed;
-    TROCAR_FIELDS(node, "row of nodes", to, time, "s", tool, "row of tools or none", buttons, drive, "row of drives or none", event);
+    TROCAR_FIELDS(node, "index of nodes", to, time, "s", tool, "index of tools or none", buttons, drive, "index of drives or none", event);
 };
 
 // Exchanges the instrument in a hand, at a given time or when a button is pressed.
@@ -84,7 +84,7 @@ struct ToolExchange {
     uint32_t from = kNone, to = kNone;                      // indices into tools
     double time = std::numeric_limits<double>::infinity();  // s
     uint32_t buttons = 0;                                   // bits
-    TROCAR_FIELDS(from, "row of tools", to, "row of tools", time, "s", buttons);
+    TROCAR_FIELDS(from, "index of tools", to, "index of tools", time, "s", buttons);
 };
 
 // The scene nodes that bodies are attached to. Its frames are folded into the poses at load. Constant.
@@ -97,7 +97,7 @@ struct Nodes {
     std::vector<ToolExchange> exchange;
     std::vector<std::array<uint32_t, 2>> apart;  // bodies (a < b, ascending) that do not collide: a driven body and
                                                  // its static surroundings
-    TROCAR_FIELDS(name, parent, of_body, "row of nodes or none", drive, toggle, exchange, apart, "row of bodies");
+    TROCAR_FIELDS(name, parent, of_body, "index of nodes or none", drive, toggle, exchange, apart, "index of bodies");
 };
 
 struct NodeState {

@@ -19,7 +19,7 @@ struct Particles {
 struct Sleep {
     std::vector<uint32_t> still;  // ms for which the body has been slower than sleep_speed; 0 for rigid bodies
     std::vector<uint32_t> group;  // kNone = awake; else the root of the group of sleeping bodies with overlapping boxes
-    TROCAR_FIELDS(still, "ms", group, "row of bodies or none");
+    TROCAR_FIELDS(still, "ms", group, "index of bodies or none");
 };
 
 // Anchors of deformable bodies: a spring of rest length zero from a particle to its goal. Constant after load.

@@ -20,7 +20,7 @@ struct Paths {
     std::vector<uint32_t> body;  // one per path
     std::vector<Range> keys;     // one per path: range of key
     std::vector<Keyframe> key;   // ascending in time within a path
-    TROCAR_FIELDS(body, "row of bodies or none", keys, "rows of keys", key);
+    TROCAR_FIELDS(body, "index of bodies or none", keys, "range of keys", key);
 };
 
 }  // namespace trocar

@@ -53,7 +53,7 @@ inline constexpr uint8_t kOfRun = kInMetrics | kOnPage;  // counted by the run, 
     PASS(kSum, tie_overflows, "", kTrouble, "closest-point queries met too many ties and were repeated in double")                     \
     PASS(kSum, sign_disagreements, "", kTrouble, "signs were settled by the winding number, because a surface had folded over itself") \
     PASS(kSum, disagreements, "", kTrouble, "signs by pseudonormal differed from the winding number (contact.cross_check)")            \
-    ISLAND(kSum, ended_rows, "", kTrouble, "contact constraints expired: their points slid off the triangle")                          \
+    ISLAND(kSum, expired_constraints, "", kTrouble, "contact constraints expired: their points slid off the triangle")                 \
     ISLAND(kSum, unsolved_substeps, "", kTrouble, "substeps stopped solving contacts of free bodies at the bound on work")             \
     ISLAND(kSum, opposing_planes, "", kTrouble, "vertices at the end of a pass had planes that press from opposite sides")             \
     ISLAND(kSum, nonfinite_particles, "", kTrouble, "particles became non-finite and their bodies were restored")                      \

@@ -15,7 +15,7 @@ struct Pools {
     std::vector<double> rate;       // per pool, 1/s: body k is spawned at k / rate, or as soon as a slot is free
     std::vector<double> life;       // per pool, s, lifetime
     std::vector<Quat> orientation;  // per body: orientation when spawned at its rest position; empty without pools
-    TROCAR_FIELDS(slots, "rows of bodies", rate, "1/s", life, "s", orientation);
+    TROCAR_FIELDS(slots, "range of bodies", rate, "1/s", life, "s", orientation);
 };
 
 // Occupancy of the slots, one element per body; all empty if the scene has no pools.

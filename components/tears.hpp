@@ -18,7 +18,7 @@ struct TearBody {
     uint32_t outer = 0;                                             // triangles at load
     Range faces;                                                    // range of Tears::face, as order; empty for a shell
     Admission whole = Admission::kSolid;                            // of the surface at load
-    TROCAR_FIELDS(body, "row of bodies", break_strain, order, "rows of tear triangles", outer, faces, "rows of tear faces", whole);
+    TROCAR_FIELDS(body, "index of bodies", break_strain, order, "range of tear triangles", outer, faces, "range of tear faces", whole);
 };
 
 // Possible surface triangle of a solid, by number. First the triangles at load: each exists as long as its
@@ -37,7 +37,7 @@ struct Cut {
     double time = 0;            // s
     Region region;              // body frame, rest shape
     uint32_t material = kNone;  // only elements of this material
-    TROCAR_FIELDS(tear, "row of tears", time, "s", region, material);
+    TROCAR_FIELDS(tear, "index of tears", time, "s", region, material);
 };
 
 // Constant after load except `order`, which follows Torn::triangle.

@@ -24,7 +24,7 @@ struct ToolJaw {
     Quat closed;                  // jaw frame to that of the instrument, at grip 0
     Vec3d axis{1, 0, 0};          // unit, frame of the instrument
     double share = 0.5;           // fraction of the grip angle that it rotates by, counter-clockwise about the axis; negative: clockwise
-    TROCAR_FIELDS(body, "row of bodies", pivot, "m", closed, axis, share);
+    TROCAR_FIELDS(body, "index of bodies", pivot, "m", closed, axis, share);
 };
 
 // A tool held by a device. Constant after load.
@@ -55,10 +55,10 @@ struct HandTool {
     double inertia = 0;                   // kg m^2, about the tip, isotropic, of what the simulated coupling rotates
     double surface_stiffness = 0;         // N/m, of a point of the shell against a surface
     std::vector<ToolJaw> shell_jaw;       // its jaws, as in Haptics::jaw
-    TROCAR_FIELDS(body, "row of bodies", tip, "m", tip_radius, "m", coupling_stiffness, "N/m", coupling_damping, "N s/m", max_force, "N",
-                  friction, path, "row of paths or none", trace, "row of traces or none", pass_through, "N", hand, workspace, pivot, limits,
-                  effects, "rows of effects", jaws, "rows of jaws", grip_closed, "rad", point_shell, shell_radius, "m", turn_stiffness,
-                  "N m/rad", turn_damping, "N m s/rad", inertia, "kg m^2", surface_stiffness, "N/m", shell_jaw);
+    TROCAR_FIELDS(body, "index of bodies", tip, "m", tip_radius, "m", coupling_stiffness, "N/m", coupling_damping, "N s/m", max_force, "N",
+                  friction, path, "index of paths or none", trace, "index of traces or none", pass_through, "N", hand, workspace, pivot,
+                  limits, effects, "range of effects", jaws, "range of jaws", grip_closed, "rad", point_shell, shell_radius, "m",
+                  turn_stiffness, "N m/rad", turn_damping, "N m s/rad", inertia, "kg m^2", surface_stiffness, "N/m", shell_jaw);
 };
 
 // How forces are rendered; the same for all tools.

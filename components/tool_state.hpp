@@ -45,7 +45,7 @@ struct ToolPass {
     uint32_t touched = kNone;      // body
     Vec3d tip = Vec3d::Zero();     // m, world, of the simulated tool
     Vec3d device = Vec3d::Zero();  // m
-    TROCAR_FIELDS(touched, "row of bodies or none", tip, "m", device, "m");
+    TROCAR_FIELDS(touched, "index of bodies or none", tip, "m", device, "m");
 };
 
 // Point of a shell in contact with a surface.
@@ -58,7 +58,7 @@ struct ShellContact {
     double depth = 0;             // m
     double side = 1;              // of a sheet, the side on which the point is: 1 = that of the normals, or -1
     bool sliding = false;         // along the surface, faster than 1 mm/s
-    TROCAR_FIELDS(point, body, "row of bodies or none", arm, "m", force, "N", slip, "m", depth, "m", side, sliding);
+    TROCAR_FIELDS(point, body, "index of bodies or none", arm, "m", force, "N", slip, "m", depth, "m", side, sliding);
 };
 
 // Point of a surface that the proxy of a tip touched at the last tick: it rides on it, from one local contact model to
@@ -69,14 +69,14 @@ struct ContactAnchor {
     Vec3d weight = Vec3d::Zero();    // barycentric
     Vec3d position = Vec3d::Zero();  // m, world, at that tick
     double side = 0;                 // of the triangle, on which the proxy was: 1 = that of its normal, or -1; 0: beside it
-    TROCAR_FIELDS(body, "row of bodies or none", triangle, weight, position, "m", side);
+    TROCAR_FIELDS(body, "index of bodies or none", triangle, weight, position, "m", side);
 };
 
 // The body that a tool has pierced.
 struct ToolPierce {
     uint32_t body = kNone;
     uint32_t seen = 0;  // pass-throughs already seen by the simulation
-    TROCAR_FIELDS(body, "row of bodies or none", seen);
+    TROCAR_FIELDS(body, "index of bodies or none", seen);
 };
 
 // How a tool that starts or is found inside a body leaves it.
@@ -84,7 +84,7 @@ struct ToolExit {
     uint32_t body = kNone;       // that it is inside
     Vec3d way = Vec3d::Zero();   // unit, world
     Vec3d goal = Vec3d::Zero();  // m, from the device to where the tool is outside; zero once it is
-    TROCAR_FIELDS(body, "row of bodies or none", way, goal, "m");
+    TROCAR_FIELDS(body, "index of bodies or none", way, goal, "m");
 };
 
 // Motion of a device estimated from its positions, smoothed twice: constant acceleration lags by half a
@@ -145,7 +145,7 @@ struct ToolState {
     double grip_torque = 0;  // N m, its mean over the last pass: what the fingers that close them feel
     TROCAR_FIELDS(device, motion, proxy, "m", proxy_valid, outside, surface, anchor, contacts, command, output, coupling_force, "N",
                   contact_impulse, "N s", device_valid, time, "s", ticks, model_age, "s", gain, largest_force, "N", largest_wanted, "N",
-                  rejected_samples, touched, "row of bodies or none", last_pass, pierce, exit, pushed, "m", link_force, "N",
+                  rejected_samples, touched, "index of bodies or none", last_pass, pierce, exit, pushed, "m", link_force, "N",
                   link_force_before, "N", hand, clutch, safety, effect_velocity, "m/s", effect, events, proxy_turn, contact, device_spin,
                   "rad/s", coupling_torque, "N m", contact_moment, "N m s", sliding, carried, "m", pull, "N", pull_torque, "N m",
                   grip_moment, "N m s", grip_torque, "N m");

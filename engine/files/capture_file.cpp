@@ -12,7 +12,7 @@ namespace trocar {
 namespace {
 
 constexpr char kMagic[] = "trocarCP";
-constexpr uint32_t kVersion = 4, kByteOrder = 0x01020304;
+constexpr uint32_t kVersion = 5, kByteOrder = 0x01020304;
 constexpr size_t kKindSize = 8, kRecordHeaderSize = kKindSize + 3 * sizeof(uint64_t);
 constexpr uint64_t kMostUnpacked = uint64_t{4} << 30;  // bytes, all records together
 constexpr uint32_t kMostArrays = 1 << 16;              // of a record; the largest has some hundred

@@ -119,7 +119,7 @@ struct CaptureRecord;
     R(kPenetrations, penetrations, "penetrations", kDerived)                     \
     R(kContours, contours, "contours", kDerived)                                 \
     R(kRegions, regions, "regions", kDerived)                                    \
-    R(kContactConstraints, contact_constraints, "rows", kDerived)                \
+    R(kContactConstraints, contact_constraints, "contact constraints", kDerived) \
     R(kIslands, islands, "islands", kDerived)                                    \
     R(kNormals, normals, "normals", kDerived)                                    \
     R(kLocalContact, local_contact, "local contact", kOutput)                    \
@@ -132,7 +132,7 @@ struct CaptureRecord;
     R(kTorn, torn, "torn", kState)                                               \
     R(kTornSprings, torn_springs, "torn springs", kDerived)                      \
     R(kPools, pools, "pools", kConstant)                                         \
-    R(kSpawning, spawning, "lives", kState)                                      \
+    R(kSpawning, spawning, "spawning", kState)                                   \
     R(kNodes, nodes, "nodes", kConstant)                                         \
     R(kNodeState, node_state, "node state", kState)                              \
     R(kLiveDevices, live_devices, "live devices", kRun)                          \

@@ -92,7 +92,7 @@ struct FieldCheck {
 
     CountedIn counted_in(std::string_view kind) const {
         const size_t of = kind.find(" of ");
-        if (of == kind.npos || !kind.starts_with("row")) return {};
+        if (of == kind.npos || (!kind.starts_with("index") && !kind.starts_with("range"))) return {};
         const bool or_none = kind.ends_with(" or none");
         const std::string_view what = kind.substr(of + 4, kind.size() - of - 4 - (or_none ? 8 : 0));
         const auto found = std::find_if(counts.begin(), counts.end(), [&](const auto& c) { return c.first == what; });
@@ -173,7 +173,7 @@ void check_mesh(const Meshes& m, uint32_t prototype) {
     require_inside(info.edges, m.edge.size(), name, "edges");
     require_inside(info.edges, m.edge_triangle.size(), name, "triangles of edges");
     require_inside(info.incident, m.incident.size(), name, "incident triangles");
-    require_inside({info.vertices.first + prototype, info.vertices.count + 1}, m.incident_first.size(), name, "vertex rows");
+    require_inside({info.vertices.first + prototype, info.vertices.count + 1}, m.incident_first.size(), name, "vertices");
     require_inside(m.materials[prototype], m.material.size(), name, "materials");
     require(std::isfinite(info.mean_edge) && std::isfinite(info.radius), name, "no such surface");
     const uint32_t materials = std::max(1u, m.materials[prototype].count);
@@ -389,10 +389,10 @@ void check_links(const World& w) {
     uint64_t first = 0;
     for (uint32_t g = 0; g < l.group.size(); ++g) {
         const LinkGroup& group = l.group[g];
-        require(group.entity.index == g && group.links.first == first, "links: groups do not fit their rows");
+        require(group.entity.index == g && group.links.first == first, "links: groups do not fit their ranges");
         first += group.links.count;
         if (group.body == kNone) {
-            require(group.links.count == 0, "links: rows of no group");
+            require(group.links.count == 0, "links: some belong to no group");
             continue;
         }
         require_below(group.holder, bodies, "link to body");
@@ -406,7 +406,7 @@ void check_links(const World& w) {
             require(l.rest[row] >= 0 && std::isfinite(l.stretch[row]), "links: no length");
         }
     }
-    require(first == rows, "links: rows of no group");
+    require(first == rows, "links: some belong to no group");
 }
 
 void check_tear_faces(const World& w, const TearBody& t, uint32_t prototype) {

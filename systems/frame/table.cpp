@@ -288,7 +288,7 @@ constexpr FrameStage kStages[] = {
         mask(R::kRegions)}, wants_regions},
     {S::kToolsInside,     P::kDetection,{"tools inside",    run<stages::tools_inside>,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kContacts, R::kTrees, R::kTools),
         mask(R::kToolState, R::kReport)}, any_tool_pair},
-    {S::kContactConstraints,     P::kDetection,{"contact rows",    run<stages::contact_constraints>,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kContacts, R::kPenetrations, R::kTools, R::kToolState),
+    {S::kContactConstraints,     P::kDetection,{"contact constraints",    run<stages::contact_constraints>,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kContacts, R::kPenetrations, R::kTools, R::kToolState),
         mask(R::kContactConstraints, R::kReport)}, any_pair},
     {S::kEdgeConstraints,        P::kDetection,{"edge constraints",       run<stages::edge_constraints>,         kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates),
         mask(R::kContactConstraints)}, any_free_pair},

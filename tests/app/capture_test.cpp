@@ -482,7 +482,7 @@ TEST(Capture, ABuiltSceneHasNoFault) {
 TEST(Capture, TriggersAreReadOrTaught) {
     EXPECT_EQ(parse_capture_triggers("5-25").ranges[0][1], 25u);
     EXPECT_EQ(parse_capture_triggers("5-25,7-9,5-25").ranges, (std::vector<std::array<uint64_t, 2>>{{5, 25}, {7, 9}}));
-    EXPECT_EQ(parse_capture_triggers("counter=ended_rows,counter=late_passes").counters.size(), 2u);
+    EXPECT_EQ(parse_capture_triggers("counter=expired_constraints,counter=late_passes").counters.size(), 2u);
     EXPECT_TRUE(parse_capture_triggers("worst,nan").lost);
     EXPECT_EQ(parse_capture_triggers("over=2.5").over_ms, 2.5);
     for (const char* bad : {"", "5", "25-5", "-5", "5-", "over=", "over=-1", "over=x", "counter=nothing", "worst,", "best", "over=1,over=2",

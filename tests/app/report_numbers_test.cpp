@@ -39,7 +39,7 @@ TEST(ReportNumbers, EveryLineReachesWhereItSays) {
     EXPECT_EQ(in_metrics, metrics.size());
     EXPECT_EQ(stored, record.arrays.size());
     EXPECT_EQ(sizeof(Report), numbers * sizeof(uint64_t)) << "a member that is no line of the list";
-    EXPECT_TRUE(metrics.contains("deepest_residual_m") && metrics.contains("ended_rows"));
+    EXPECT_TRUE(metrics.contains("deepest_residual_m") && metrics.contains("expired_constraints"));
 }
 
 }  // namespace

@@ -80,10 +80,10 @@ TEST(SvgPlot, LabelsAreLegible) {
 }
 
 TEST(SvgPlot, BarsHaveTheirNamesAndValues) {
-    const std::string svg = svg_bars("stages", "ms", {"contact rows", "advance"}, {1, 2.5}, {2, 12.125});
+    const std::string svg = svg_bars("stages", "ms", {"contact constraints", "advance"}, {1, 2.5}, {2, 12.125});
     pugi::xml_document document;
     ASSERT_TRUE(document.load_string(svg.c_str()));
-    EXPECT_EQ(document.select_nodes("//text[text()='contact rows']").size(), 1u);
+    EXPECT_EQ(document.select_nodes("//text[text()='contact constraints']").size(), 1u);
     EXPECT_NE(svg.find("2.500 / 12.125 ms"), std::string::npos) << svg;
 }
 

@@ -29,7 +29,7 @@ inline void expire_constraint(uint32_t constraint, ContactConstraints& constrain
     double& distance = constraints.distance[constraint];
     if (std::isinf(distance)) return;
     distance = std::copysign(std::numeric_limits<double>::infinity(), distance);
-    std::atomic_ref(result.ended_rows).fetch_add(1, std::memory_order_relaxed);
+    std::atomic_ref(result.expired_constraints).fetch_add(1, std::memory_order_relaxed);
 }
 // Finds the constraints that are violated or would be in this substep and applies impulses; after kick and
 // drift. Projected Gauss-Seidel over the active constraints in their order with accumulated, clamped impulses

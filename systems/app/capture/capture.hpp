@@ -27,7 +27,7 @@ struct CaptureTriggers {
 inline constexpr uint32_t kMostCaptures = 10;  // per trigger of this kind
 inline constexpr uint64_t kFirstJudged = 8;    // passes; earlier ones pay for memory and cold caches
 
-// Parses "5-25", "worst", "over=33" (ms), "nan", "counter=ended_rows", "usr1", or several joined by commas;
+// Parses "5-25", "worst", "over=33" (ms), "nan", "counter=expired_constraints", "usr1", or several joined by commas;
 // ranges and counters may be repeated. Throws InputError that lists the accepted forms.
 CaptureTriggers parse_capture_triggers(const std::string& text);
 

@@ -19,7 +19,7 @@ struct Whole {
     uint32_t body = 3;
     Inner inner;
     std::string cache;
-    TROCAR_FIELDS(mass, "kg", body, "row of bodies", inner);
+    TROCAR_FIELDS(mass, "kg", body, "index of bodies", inner);
     TROCAR_OTHER_FIELDS(cache);
 };
 struct OneMissing {
@@ -48,7 +48,7 @@ TEST(Fields, NamesUnitsAndMembersInTheOrderOfTheList) {
         text += std::string(field.name) + "[" + std::string(field.unit) + "]";
         if constexpr (std::is_same_v<decltype(member), const uint32_t&>) text += std::to_string(member);
     });
-    EXPECT_EQ(text, "mass[kg]body[row of bodies]3inner[]");
+    EXPECT_EQ(text, "mass[kg]body[index of bodies]3inner[]");
 }
 
 // Breaks when two resources store under one name, or one stores what it does not read back.
@@ -59,7 +59,7 @@ TEST(Fields, EveryResourceIsStoredUnderNamesOfItsOwn) {
     std::vector<std::string> names;
     for (const CaptureArray& a : record.arrays) names.push_back(a.name);
     for (const char* name : {"settings.gravity[2]", "settings.contact.share", "springs.fans.first", "solids.corner[3]", "haptics.tool",
-                             "haptics.state", "local_contact", "report.ended_rows", "particles.velocity_x", "screened.origin[0]"})
+                             "haptics.state", "local_contact", "report.expired_constraints", "particles.velocity_x", "screened.origin[0]"})
         EXPECT_EQ(std::count(names.begin(), names.end(), name), 1) << name;
     std::sort(names.begin(), names.end());
     EXPECT_EQ(std::adjacent_find(names.begin(), names.end()), names.end());
@@ -92,10 +92,10 @@ TEST(Fields, AFaultIsNamedByItsField) {
 TEST(ReportNumbers, IslandsAreMergedAsTheirLineSays) {
     Report report;
     IslandReport one, two;
-    one.ended_rows = 2, one.deepest_residual = 0.5, one.min_volume_ratio = 0.25;
-    two.ended_rows = 3, two.deepest_residual = 0.1, two.min_volume_ratio = 0.75;
+    one.expired_constraints = 2, one.deepest_residual = 0.5, one.min_volume_ratio = 0.25;
+    two.expired_constraints = 3, two.deepest_residual = 0.1, two.min_volume_ratio = 0.75;
     add_to_report(one, report), add_to_report(two, report);
-    EXPECT_EQ(report.ended_rows, 5u);
+    EXPECT_EQ(report.expired_constraints, 5u);
     EXPECT_EQ(report.deepest_residual, 0.5);
     EXPECT_EQ(report.min_volume_ratio, 0.25);
 }

@@ -27,7 +27,8 @@ struct Collision : AdvanceScene {
         for (uint32_t v = 0; v < range(0).count; ++v) set_velocity(0, v, velocity + 0.2 * offset(0, v));
         find_constraints(0, 1, friction);
         for (uint32_t constraint = 0; constraint < contact_constraints.body.size(); constraint += 5) {
-            contact_constraints.vertex[constraint][1] = neighbour_of(contact_constraints.body[constraint], contact_constraints.vertex[constraint][0]);
+            contact_constraints.vertex[constraint][1] =
+                neighbour_of(contact_constraints.body[constraint], contact_constraints.vertex[constraint][0]);
             contact_constraints.along[constraint] = 0.25f;
         }
     }
@@ -127,7 +128,7 @@ TEST(AdvanceBlocks, ManySweepsEqualAReferenceInDouble) {
     s.advance(1, 1);
     EXPECT_GT(s.constraints_in_wide(), 0.8 * double(s.contact_constraints.body.size()));
     EXPECT_EQ(s.result.active_constraints, constraints.size());
-    EXPECT_EQ(s.result.ended_rows, 0u);
+    EXPECT_EQ(s.result.expired_constraints, 0u);
     double worst = 0, moved = 0;
     for (uint32_t body = 0; body < 2; ++body) {
         for (uint32_t v = 0; v < s.range(body).count; ++v) {
@@ -182,12 +183,12 @@ TEST(AdvanceBlocks, SplitCallsGiveTheSameBits) {
         1;  // with two iterations or more a call warm starts from the end of the last
     whole.advance(10, 20);
     for (int i = 0; i < 10; ++i) split.advance(1, 2);
-    EXPECT_GT(whole.result.ended_rows, 10u);
-    EXPECT_LT(whole.result.ended_rows, whole.contact_constraints.body.size());
+    EXPECT_GT(whole.result.expired_constraints, 10u);
+    EXPECT_LT(whole.result.expired_constraints, whole.contact_constraints.body.size());
     EXPECT_GT(whole.constraints_in_wide(), 64u);
     EXPECT_EQ(0, std::memcmp(whole.particles.offset.data(), split.particles.offset.data(), whole.particles.offset.size() * sizeof(Float4)));
     EXPECT_EQ(whole.particles.velocity_y, split.particles.velocity_y);
-    EXPECT_EQ(whole.report.ended_rows, split.report.ended_rows);
+    EXPECT_EQ(whole.report.expired_constraints, split.report.expired_constraints);
     EXPECT_EQ(whole.contact_constraints.distance, split.contact_constraints.distance);
 }
 
@@ -197,21 +198,23 @@ TEST(AdvanceBlocks, NodesPressedFromBothSidesStayOut) {
     const size_t constraints = s.contact_constraints.body.size();
     for (size_t constraint = 0; constraint < constraints; constraint += 10) {
         const uint32_t v = s.contact_constraints.vertex[constraint][0];
-        s.add_constraint(s.contact_constraints.body[constraint], v, s.contact_constraints.other[constraint], s.contact_constraints.triangle[constraint],
-                         {0.3, 0.3, 0.4}, -s.contact_constraints.normal[constraint], 0.0, 0.0);
+        s.add_constraint(s.contact_constraints.body[constraint], v, s.contact_constraints.other[constraint],
+                         s.contact_constraints.triangle[constraint], {0.3, 0.3, 0.4}, -s.contact_constraints.normal[constraint], 0.0, 0.0);
     }
     s.advance(1, 2);
     ASSERT_FALSE(s.scratch.solver.wide_constraint.empty());
     std::vector<uint8_t> turned(s.particles.offset.size(), 0);
     for (size_t constraint = constraints; constraint < s.contact_constraints.body.size(); ++constraint) {
         turned[s.particle(s.contact_constraints.body[constraint], s.contact_constraints.vertex[constraint][0])] = 1;
-        for (const uint32_t v : s.contact_constraints.triangle[constraint]) turned[s.particle(s.contact_constraints.other[constraint], v)] = 1;
+        for (const uint32_t v : s.contact_constraints.triangle[constraint])
+            turned[s.particle(s.contact_constraints.other[constraint], v)] = 1;
     }
     for (const WideConstraint& wide_constraint : s.scratch.solver.wide_constraint) {
         for (uint32_t lane = 0; lane < 4; ++lane) {
             if (wide_constraint.constraint[lane] == kNone) continue;
             const uint32_t constraint = wide_constraint.constraint[lane];
-            for (const uint32_t v : s.contact_constraints.vertex[constraint]) EXPECT_FALSE(turned[s.particle(s.contact_constraints.body[constraint], v)]);
+            for (const uint32_t v : s.contact_constraints.vertex[constraint])
+                EXPECT_FALSE(turned[s.particle(s.contact_constraints.body[constraint], v)]);
             for (const uint32_t v : s.contact_constraints.triangle[constraint])
                 EXPECT_FALSE(turned[s.particle(s.contact_constraints.other[constraint], v)]);
         }
@@ -302,7 +305,8 @@ void expect_same_bits_on_any_threads(uint32_t rigid_of) {
                 }
             }
             EXPECT_EQ(seen.size(), s.contact_constraints.body.size());
-            for (uint32_t constraint = 0; constraint < s.contact_constraints.body.size(); ++constraint) EXPECT_EQ(seen.count(constraint), 1u);
+            for (uint32_t constraint = 0; constraint < s.contact_constraints.body.size(); ++constraint)
+                EXPECT_EQ(seen.count(constraint), 1u);
             EXPECT_GT(s.result.active_constraints, 1000u);
             EXPECT_LT((s.momentum() - before).norm(), 1e-6 * before.norm());
             position[threads > 1] = s.particles.offset;
