@@ -8,17 +8,17 @@ namespace trocar {
 namespace {
 
 // The same nodes in both spellings, and the volume they must show.
-struct World {
+struct RandomWorld {
     std::string classic, xml;
     double volume = 0;
-    void add(const World& other) {
+    void add(const RandomWorld& other) {
         classic += other.classic;
         xml += other.xml;
         volume += other.volume;
     }
 };
 
-void expect_volume(const World& world) {
+void expect_volume(const RandomWorld& world) {
     const LoadedMesh classic = load_text("#VRML V2.0 utf8\n" + world.classic);
     const LoadedMesh xml = load_text("<X3D><Scene>" + world.xml + "</Scene></X3D>");
     EXPECT_NEAR(sum_mesh(classic.mesh).volume, world.volume, 1e-9 * world.volume) << world.classic;
@@ -27,13 +27,13 @@ void expect_volume(const World& world) {
     EXPECT_TRUE(xml.warnings.empty()) << xml.warnings[0];
 }
 
-World box(int side) {
+RandomWorld box(int side) {
     const std::string s = std::to_string(side), size = s + " " + s + " " + s;
     return {"Shape { geometry Box { size " + size + " } }\n", "<Shape><Box size='" + size + "'/></Shape>\n", double(side * side * side)};
 }
 
 // A grouping node or, with `owner`, one with a name.
-World group(const World& inside, const std::string& owner = "") {
+RandomWorld group(const RandomWorld& inside, const std::string& owner = "") {
     return {(owner.empty() ? "" : "DEF " + owner + " ") + "Group { children [\n" + inside.classic + "] }\n",
             "<Group" + (owner.empty() ? "" : " DEF='" + owner + "'") + ">\n" + inside.xml + "</Group>\n", inside.volume};
 }
@@ -42,9 +42,9 @@ using Scope = std::map<std::string, double>;  // volume by name
 
 // Random declarations, instances and boxes; the oracle reads names as VRML97 4.8.4 says, with one map per body. `self` is the
 // prototype whose body this is: it must not contain itself.
-World random_body(std::mt19937& random, std::vector<Scope> scopes, int depth, const std::string& self) {
+RandomWorld random_body(std::mt19937& random, std::vector<Scope> scopes, int depth, const std::string& self) {
     const auto below = [&](int n) { return static_cast<int>(random() % static_cast<unsigned>(n)); };
-    World body = box(1 + below(3));
+    RandomWorld body = box(1 + below(3));
     for (int k = 0; k < 6; ++k) {
         const std::string name(1, static_cast<char>('A' + below(3)));
         const int what = below(3);
@@ -52,7 +52,7 @@ World random_body(std::mt19937& random, std::vector<Scope> scopes, int depth, co
             std::vector<Scope> inner = scopes;
             inner.back()[name] = -1;  // its own name, inside it
             inner.emplace_back();
-            const World part = random_body(random, inner, depth + 1, name);
+            const RandomWorld part = random_body(random, inner, depth + 1, name);
             body.classic += "PROTO " + name + " [] {\n" + group(part).classic + "}\n";
             body.xml += "<ProtoDeclare name='" + name + "'><ProtoBody>\n" + group(part).xml + "</ProtoBody></ProtoDeclare>\n";
             scopes.back()[name] = part.volume;
@@ -109,7 +109,7 @@ TEST_F(VrmlPrototypeFiles, nested_names_are_not_seen_by_other_files) {
 }
 
 // A handle to a surrounding node, as scripts hold it, in both spellings.
-std::vector<World> handles_of(const std::string& owner) {
+std::vector<RandomWorld> handles_of(const std::string& owner) {
     const std::string use = "USE " + owner, tag = " USE='" + owner + "'/>";
     const std::string proto = "PROTO P [ field SFNode n NULL field MFNode m [] ] { Group { children Script { field SFNode n IS n } } }\n";
     const std::string declare =
@@ -131,8 +131,8 @@ std::vector<World> handles_of(const std::string& owner) {
 
 TEST(VrmlPrototypes, scripts_may_hold_the_nodes_around_them) {
     for (int depth = 0; depth < 5; ++depth) {
-        for (const World& handle : handles_of("Top")) {
-            World inside = box(2);
+        for (const RandomWorld& handle : handles_of("Top")) {
+            RandomWorld inside = box(2);
             inside.add({handle.classic + "\n", handle.xml + "\n", 0});
             for (int k = 0; k < depth; ++k) inside = group(inside);
             inside = group(inside, "Top");
@@ -145,7 +145,7 @@ TEST(VrmlPrototypes, scripts_may_hold_the_nodes_around_them) {
     expect_volume({"Script { field SFNode n DEF B " + group(box(3)).classic + " }\nUSE B",
                    "<Script><field name='n'>" + group(box(3), "B").xml + "</field></Script><Group USE='B'/>", 27});
     // any other circle has no meaning
-    for (const World& circle : {group({"USE Top", "<Group USE='Top'/>"}, "Top"), group(group({"USE Top", "<Group USE='Top'/>"}), "Top")}) {
+    for (const RandomWorld& circle : {group({"USE Top", "<Group USE='Top'/>"}, "Top"), group(group({"USE Top", "<Group USE='Top'/>"}), "Top")}) {
         EXPECT_NE(error_of_text("#VRML V2.0 utf8\n" + circle.classic).find("USE of 'Top' inside itself (in Group"), std::string::npos);
         EXPECT_NE(error_of_text("<X3D><Scene>" + circle.xml + "</Scene></X3D>").find("USE of 'Top' inside itself (in Group"),
                   std::string::npos);
