@@ -459,10 +459,6 @@ Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World
     const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
     const double limit = world.bodies.stable_dt[body];
     const double others = other_forces_limit(world, body);
-    if (integrator == Integrator::kLeapfrog && limit < kLeastStep)
-        refuse_body(
-            scene, spec,
-            format("its explicit step would be %.3g s, and the least is %g s: it is too stiff, light or finely meshed", limit, kLeastStep));
     if (integrator != Integrator::kLeapfrog && step > others)
         refuse_body(scene, spec, format("step = %g s is above the largest stable step under pressure and bending, %.4g s", step, others));
     if (integrator == Integrator::kLeapfrog && step > limit)
@@ -480,6 +476,10 @@ Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World
 // Chooses the integrator of a deformable body: "auto" is leapfrog, the fastest that is right for every load.
 void choose_stepping(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body, std::vector<std::string>& warnings) {
     const bool midpoint = spec.integrator == "midpoint";
+    if (const double limit = world.bodies.stable_dt[body]; !midpoint && limit < kLeastStep)
+        refuse_body(
+            scene, spec,
+            format("its explicit step would be %.3g s, and the least is %g s: it is too stiff, light or finely meshed", limit, kLeastStep));
     if (!midpoint && spec.step == 0) return;
     world.bodies.stepping.resize(body + 1);
     world.bodies.stepping[body] = make_stepping(scene, spec, world, body, midpoint ? Integrator::kMidpoint : Integrator::kLeapfrog);

@@ -41,7 +41,8 @@ const CaptureArray& find_array(const CaptureRecord& record, const std::string& n
 
 // A number, a text or a list of numbers as an array of one column; reading throws InputError as find_array.
 template <typename T>
-concept Number = std::is_same_v<std::remove_const_t<T>, uint64_t> || std::is_same_v<std::remove_const_t<T>, double>;
+concept Number = std::is_same_v<std::remove_const_t<T>, uint64_t> || std::is_same_v < std::remove_const_t<T>,
+double > ;
 template <Number T>
 std::span<T> elements_in(T& number) {
     return {&number, 1};

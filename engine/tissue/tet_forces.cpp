@@ -90,7 +90,8 @@ uint32_t inverted_tetrahedra(const TetStep& body) {
     const auto at = [&](uint32_t node) { return Vec3d(Eigen::Map<const Eigen::Vector3f>(body.offset + 4ul * node).cast<double>()); };
     uint32_t inverted = 0;
     for (uint32_t t = 0; t < body.tetrahedra; ++t) {
-        inverted += body.rest[t] > 0 && !(six_volumes(at(body.corner0[t]), at(body.corner1[t]), at(body.corner2[t]), at(body.corner3[t])) > 0);
+        inverted +=
+            body.rest[t] > 0 && !(six_volumes(at(body.corner0[t]), at(body.corner1[t]), at(body.corner2[t]), at(body.corner3[t])) > 0);
     }
     return inverted;
 }

@@ -225,7 +225,9 @@ bool make_constraint(const ContactInputs& in, const Contacts& contacts, const Pe
         return surfaces.bodies.motion[b] == Motion::kHand || surfaces.bodies.motion[b] == Motion::kFree;
     };
     scratch.inverted[i] = (is_pushed(body) || is_pushed(other)) && !both_rigid && along_nearest && leaves_inverted(surfaces, contacts, i);
-    if ((both_rigid || surfaces.bodies.motion[body] == Motion::kStatic) && contacts.third[i] == kNone) {
+    // the thickness of a sheet is only in its planes
+    const bool on_sheet = surfaces.meshes.info[surfaces.bodies.mesh[other]].admission == Admission::kSheet;
+    if ((both_rigid || surfaces.bodies.motion[body] == Motion::kStatic) && contacts.third[i] == kNone && !on_sheet) {
         const bool inside = at.distance < -in.params.tolerance;
         const double turn = inside ? kAnyTurn : surfaces.poses.angular_velocity[body].norm() * in.period;
         const bool slopes = slopes_on(surfaces, contacts, i, at.normal, turn);

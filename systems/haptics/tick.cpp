@@ -83,7 +83,7 @@ bool carry_proxy(const LocalContactModel& model, const TickSpan& span, const Vec
     state.proxy = crossing.index == kNone ? carried : above_crossing(crossing, scratch.near);
     state.outside = state.outside || state.contacts > 0 || crossing.index != kNone;
     if (renewed && state.contacts == 0 && crossing.index == kNone) {
-        const Exit exit = find_exit(state.proxy, kSeen, scratch);
+        const Exit exit = nearest_exit(state.proxy, kSeen, scratch);
         if (exit.inside && state.outside) state.proxy = exit.point;
         state.outside = state.outside || (exit.found && !exit.inside);
     }
@@ -112,7 +112,7 @@ void update_proxy(const LocalContactModel& model, const TickSpan& span, const Ha
         state.proxy = proxy_start(model, state).tip;
         state.contacts = 0;
         state.proxy_valid = is_clear(state.proxy, scratch);
-        state.outside = !find_exit(state.proxy, model.reach, scratch).inside;
+        state.outside = !nearest_exit(state.proxy, model.reach, scratch).inside;
         return;
     }
     const Vec3d from = state.proxy;

@@ -642,7 +642,7 @@ TEST(Cuts, MistakesAreNamed) {
     EXPECT_NE(error("[[cut]]\nsphere = [0, 0, 0, 1]\n").find("a [[cut]] needs a body"), std::string::npos);
     EXPECT_NE(error("[[cut]]\nbody = \"a\"\n").find("give one of sphere, box, capsule and group"), std::string::npos);
     EXPECT_NE(error("[[cut]]\nbody = \"rod\"\nsphere = [0, 0, 0, 1]\n").find("only deformable bodies can be cut"), std::string::npos);
-    EXPECT_NE(error("[[cut]]\nbody = \"c\"\nsphere = [0, 0, 0, 1]\n").find("there is no such body"), std::string::npos);
+    EXPECT_NE(error("[[cut]]\nbody = \"c\"\nsphere = [0, 0, 0, 1]\n").find("no body is named \"c\""), std::string::npos);
     EXPECT_EQ(error("[[cut]]\nbody = \"a\"\nsphere = [0, 0, 0.05, 0.01]\n", {{"a.model", "solid"}}), "");
     EXPECT_NE(error("[[cut]]\nbody = \"a\"\nsphere = [0, 0, 0, 1]\n", {{"a.tissue.bending", "1e4"}}).find("cannot keep its volume or bend"),
               std::string::npos);

@@ -73,7 +73,7 @@ TEST(MidpointUnderTools, AsLeapfrog) {
                 EXPECT_GT(wanted.force, 0.05) << what;
                 EXPECT_NEAR(found.force, wanted.force, 0.02 * wanted.force) << what;
                 EXPECT_LE(found.elastic, 1.01 * found.hand) << what;
-                EXPECT_LE(found.contact, 1.1 * wanted.contact + 0.01 * wanted.hand) << what;
+                EXPECT_LE(found.contact, 1.2 * wanted.contact + 0.01 * wanted.hand) << what;
                 EXPECT_LE(found.numeric, 0.01 * found.hand) << what;
                 EXPECT_GT(found.least, 0) << what;  // 1 of a shell
                 EXPECT_GT(found.steps, 0u) << what << ": before the tool comes near";

@@ -102,7 +102,7 @@ TEST(ToolInside, IsPushedOutGentlyThenTouches) {
         EXPECT_LT(stay.fastest, 1.8 * kPushOutSpeed / 60);  // the coupling overshoots as it starts
         EXPECT_LT(stay.steepest, 1.3 * 500 * kPushOutSpeed / 60);
         EXPECT_LE(stay.most, 3.3);
-        EXPECT_GT(stay.felt.norm(), 0.1);
+        EXPECT_GT(stay.felt.norm(), 0.02);  // little by a box, which three degrees of freedom feel as a ball
         EXPECT_GT(stay.tissue.norm(), 0.1);
     }
 }
@@ -128,7 +128,7 @@ TEST(ToolInside, SentAndWantedForcesAreReportedApart) {
         text.replace(
             text.find("path ="), std::string::npos,
             "path = [{time = 0, position = [0, 0, 0.08]}, {time = 0.1, position = [0, 0, 0.03]}, {time = 0.2, position = [0, 0, 0.05]}, "
-            "{time = 0.3, position = [0, 0, 0.02]}]\n");
+            "{time = 0.3, position = [0, 0, 0.005]}]\n");
         const WrittenScene scene("cap", text);
         double most = 0;
         run(scene.build().world, 30, [&](const Frame& frame, int) {

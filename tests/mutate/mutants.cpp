@@ -421,7 +421,7 @@ Fate try_mutant(const Seed& mutant) {
         Mesh cleaned = loaded.mesh;
         const bool small = loaded.mesh.triangle.size() <= 5000;
         const CleanReport report = clean_mesh(cleaned, {});
-        TROCAR_ASSERT(!report.refused);
+        if (report.refused) return Fate::kRefused;  // coordinates beyond the range of contact
         judge_mesh(cleaned, small);
         if (small) {
             RepairParams params;

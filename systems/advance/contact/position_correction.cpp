@@ -44,6 +44,9 @@ bool is_free(const AdvanceIsland& island, uint32_t node) {
 }
 
 bool has_held_side(const AdvanceIsland& island, const PreparedConstraint& constraint) {
+    // jaws press tissue from two sides and keep what they overlap
+    for (const uint32_t rigid : {constraint.rigid_a, constraint.rigid_b})
+        if (rigid != kNone && island.rigid[rigid].jaw != kNone) return false;
     return std::ranges::any_of(constraint.angular.free, [&](uint32_t free) { return free != kNone && island.free[free].held; });
 }
 
@@ -361,8 +364,8 @@ bool correct_groups(const AdvanceCall& call, const ContactConstraints& constrain
     for_each_group(solver, [&](const ConstraintGroup& group) { keep_midway(solver, group, island.nodes); });
     for_each_group(solver, [&](ConstraintGroup& group) {
         uint8_t stamp = 1;
-        while (++stamp <= sweeps &&
-               correct_group(call, constraints, {kRestingOverlap, most, held, stamp, static_cast<uint8_t>(stamp - 1)}, solver, island, group)) {
+        while (++stamp <= sweeps && correct_group(call, constraints, {kRestingOverlap, most, held, stamp, static_cast<uint8_t>(stamp - 1)},
+                                                  solver, island, group)) {
         }
     });
     uint8_t since = 2;

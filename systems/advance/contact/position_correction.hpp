@@ -16,7 +16,7 @@ struct CorrectionSweep {
 
 // Position correction: removes remaining overlap in substeps in which a millisecond begins. Runs after
 // move_hands, move_free_bodies and carry_jaws. No velocity changes but the spin of free bodies, which keep
-// their angular momentum. Overlap with a tool that rotates in the hand is removed by 1 / ticks a millisecond, so
+// their angular momentum. Overlap with a tool that rotates in the hand (its jaws excepted) is removed by 1 / ticks a millisecond, so
 // over about one pass: its edges and corners touch other features in every pass, and moved out at once the tissue
 // chatters. One sweep; if bodies share corrections by mass and no hand leads one, up to
 // ContactParams::iterations sweeps, and if more than one, then up to 15 times as many for overlaps above

@@ -231,9 +231,8 @@ std::string tool_cards(const RunFigures& f, uint32_t tool) {
     std::vector<double> t, hand, tissue;
     for (const ToolSample& s : f.tool_sample)
         if (s.tool == tool) t.push_back(s.time), hand.push_back(s.force.norm()), tissue.push_back(s.tissue.norm());
-    std::string cards =
-        card(svg_plot({"Force of " + f.tool[tool].body, "time, s", "N", {{"hand", t, hand}, {"tissue", t, tissue}}}),
-             "On the hand, and of the tissue on the simulated tool, averaged over a contact pass.");
+    std::string cards = card(svg_plot({"Force of " + f.tool[tool].body, "time, s", "N", {{"hand", t, hand}, {"tissue", t, tissue}}}),
+                             "On the hand, and of the tissue on the simulated tool, averaged over a contact pass.");
     if (const std::optional<ForceMap> map = force_map(f.tool_sample, tool))
         cards += card(svg_force_map("Force on " + f.tool[tool].body + " by position", *map),
                       "Along its mean direction, seen from the side of the tool. Dark where the tissue below is stiff.");

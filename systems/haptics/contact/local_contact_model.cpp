@@ -549,13 +549,13 @@ void publish_compliance(const Surfaces& surfaces, const HandTool& tool, ToolStat
                         LocalContactModel& out) {
     const uint32_t before = state.last_pass.touched;
     predict_compliance(surfaces, tool, state, scratch, out);
+    if (!tool.point_shell.empty()) return;  // touches at many points, each of unknown stiffness
     const uint32_t known = state.last_pass.touched == before ? out.compliance.body : kNone;
     for (uint32_t body = kNone; const TriangleGroup& group : out.group) {
         if (group.body == body || group.body == known) continue;
         body = group.body;
-        if (!is_deformable(surfaces.bodies, body)) continue;
-        double stiffness = stiffness_at_first_touch(surfaces, body, tool.point_shell.empty() ? tool.tip_radius : 0,
-                                                    state.device.velocity.norm() * out.period);
+        if (!is_deformable(surfaces.bodies, body) || body == out.exit.body) continue;
+        double stiffness = stiffness_at_first_touch(surfaces, body, tool.tip_radius, state.device.velocity.norm() * out.period);
         // where contacts leave no surface under the tip, the hand feels at least what the tissue bears
         if (body == state.last_pass.touched && state.proxy_valid) {
             const double series = state.coupling_force.norm() / (state.proxy - state.device.position).norm();

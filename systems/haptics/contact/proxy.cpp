@@ -356,7 +356,7 @@ void find_touched(const Vec3d& centre, HapticScratch& scratch) {
     std::erase_if(touched, [](const TouchedFeature& f) { return f.shadowed; });
 }
 
-Exit find_exit(const Vec3d& centre, double most, HapticScratch& scratch) {
+Exit nearest_exit(const Vec3d& centre, double most, HapticScratch& scratch) {
     constexpr double kAbove = 1e-8;  // m
     const NearestIndex nearest = nearest_within(centre, most, scratch.near);
     scratch.planes_place = kNone;

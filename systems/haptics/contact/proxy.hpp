@@ -47,11 +47,11 @@ void find_touched(const Vec3d& centre, HapticScratch& scratch);
 // Whether a point is inside a closed body whose surface is within `most` (m) of contact, and the point just outside
 // it by the shortest way.
 struct Exit {
-    bool found = false;   // the surface
+    bool found = false;  // the surface
     bool inside = false;
     Vec3d point = Vec3d::Zero();
 };
-Exit find_exit(const Vec3d& centre, double most, HapticScratch& scratch);
+Exit nearest_exit(const Vec3d& centre, double most, HapticScratch& scratch);
 
 struct ProxySearch {
     Vec3d proxy = Vec3d::Zero();

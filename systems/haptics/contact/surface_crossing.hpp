@@ -4,10 +4,10 @@ namespace trocar {
 
 // Passage of a moving surface over a moving point.
 struct SurfaceCrossing {
-    uint32_t index = kNone;          // of NearSurface::triangle; kNone: the point stayed on its side of every surface
-    double time = 1;                 // fraction of the motion
-    Vec3d weight = Vec3d::Zero();    // barycentric
-    double side = 1;                 // on which the point was: 1 = that of the triangle's normal, or -1
+    uint32_t index = kNone;        // of NearSurface::triangle; kNone: the point stayed on its side of every surface
+    double time = 1;               // fraction of the motion
+    Vec3d weight = Vec3d::Zero();  // barycentric
+    double side = 1;               // on which the point was: 1 = that of the triangle's normal, or -1
 };
 
 // The first triangle that passes over a point, which moves along a straight line to `to` while the surface moves from

@@ -145,7 +145,8 @@ TEST(VrmlPrototypes, scripts_may_hold_the_nodes_around_them) {
     expect_volume({"Script { field SFNode n DEF B " + group(box(3)).classic + " }\nUSE B",
                    "<Script><field name='n'>" + group(box(3), "B").xml + "</field></Script><Group USE='B'/>", 27});
     // any other circle has no meaning
-    for (const RandomWorld& circle : {group({"USE Top", "<Group USE='Top'/>"}, "Top"), group(group({"USE Top", "<Group USE='Top'/>"}), "Top")}) {
+    for (const RandomWorld& circle :
+         {group({"USE Top", "<Group USE='Top'/>"}, "Top"), group(group({"USE Top", "<Group USE='Top'/>"}), "Top")}) {
         EXPECT_NE(error_of_text("#VRML V2.0 utf8\n" + circle.classic).find("USE of 'Top' inside itself (in Group"), std::string::npos);
         EXPECT_NE(error_of_text("<X3D><Scene>" + circle.xml + "</Scene></X3D>").find("USE of 'Top' inside itself (in Group"),
                   std::string::npos);

@@ -280,7 +280,7 @@ TEST(Solid, StableStepLiesBelowTheMeasuredLimit) {
                         bound / limit, scene.bodies.stable_dt[body] / limit);
             if (stretch == 1.0) {
                 EXPECT_LT(bound, limit);
-                EXPECT_GT(bound, 0.8 * limit);
+                EXPECT_GT(bound, (nu < 0.4 ? 0.65 : 0.8) * limit);  // the former resist inversion by more than at rest
             }
             EXPECT_LT(scene.bodies.stable_dt[body], 0.9 * limit);
         }
