@@ -65,8 +65,8 @@ inline constexpr uint32_t kBodiesPerSlab = 96, kMostSlabs = 32;
 inline constexpr double kConvergedChange = 3e-6;
 // Most sweeps without and with direct solutions between them. By trial.
 inline constexpr uint32_t kMostSweeps = 128, kMostSweepsSolved = 48;
-// Most solutions of single constraints in a pass of an island, and of all in a substep at least: 2 s of a processor. A heap of
-// 1,000 boxes at rest needs a tenth. What is left is solved from the impulses so far in the next substep.
+// Most solutions of single constraints in a pass of an island, and of all in a substep at least: by estimate some seconds of a
+// processor; no scene tried reached it. What is left is solved from the impulses so far in the next substep.
 inline constexpr uint64_t kMostWork = uint64_t{1} << 24;
 inline constexpr uint32_t kFewestSweeps = 8;
 // Sweeps that cost as much as a direct solution: kMostWorkPerConstraint.
