@@ -129,8 +129,9 @@ bool needs_leapfrog(const AdvanceInputs& in, const Particles& particles, std::sp
         return (is_implicit(a) && moves(b)) || (is_implicit(b) && moves(a));
     };
     const auto fast = [&](uint32_t body) {
+        if (!is_implicit(body)) return false;
         const float apart = particles.last_dt[body] > 0 ? kApartCalm : kApartImplicit;
-        return is_implicit(body) && has_fast_folds(in, particles, body, apart, stepping_of(in.bodies, body).step);
+        return has_fast_folds(in, particles, body, apart, stepping_of(in.bodies, body).step);
     };
     return std::ranges::any_of(island_constraints, pressed) || std::ranges::any_of(island_bodies, fast);
 }
