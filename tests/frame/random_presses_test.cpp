@@ -147,12 +147,6 @@ TEST(RandomPresses, TheHandFeelsTheTissueWhateverTheTip) {
     EXPECT_LE(e.off, 6u);
 }
 
-TEST(RandomPresses, LongAThousandPresses) {
-    const PressErrors e = press_at_random(1000, 1000, true);
-    EXPECT_EQ(e.lost, 0u);
-    EXPECT_LE(e.off, 250u);
-}
-
 // ---- bodies that pass a still tool ----
 
 // A box that is moved over a still tip within a few ticks and stops with the tip's centre inside: stiffness times the
