@@ -18,6 +18,7 @@
 #include "components/picture.hpp"
 #include "components/report.hpp"
 #include "components/scene.hpp"
+#include "components/self_crossing.hpp"
 #include "components/solids.hpp"
 #include "components/spawning.hpp"
 #include "components/springs.hpp"
@@ -81,6 +82,7 @@ struct World {
     std::vector<uint8_t> loaded_constraints;  // per constraint, as detected: see mark_loaded
     Islands islands;
     SurfaceNormals normals;
+    SelfCrossingCounts self_crossings;
     TornSprings torn_springs;
     HoldingGroups holding_groups;
     // output
@@ -146,7 +148,8 @@ struct CaptureRecord;
     R(kDisplacementBounds, displacement_bounds, "displacement bounds", kDerived) \
     R(kMemoryOrder, memory_order, "memory order", kDerived)                      \
     R(kLoadedConstraints, loaded_constraints, "loaded constraints", kDerived)    \
-    R(kHoldingGroups, holding_groups, "holding groups", kDerived)
+    R(kHoldingGroups, holding_groups, "holding groups", kDerived)                \
+    R(kSelfCrossings, self_crossings, "self-crossings", kDerived)
 
 enum class Resource : uint8_t {
 #define TROCAR_RESOURCE_BIT(bit, ...) bit,

@@ -57,6 +57,7 @@ enum class StageId : uint8_t {
     kLinkForces,
     kHandForces,
     kSurfaceNormals,
+    kSelfCrossings,
     kEnergy,
     kPicture,
     kCount

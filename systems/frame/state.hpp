@@ -30,6 +30,7 @@
 #include "systems/haptics/contact/local_contact_model.hpp"
 #include "systems/haptics/tool.hpp"
 #include "systems/output/deformable_energy.hpp"
+#include "systems/output/self_crossings.hpp"
 #include "systems/output/surface_normals.hpp"
 #include "systems/prepare/link_bodies.hpp"
 #include "systems/prepare/sleep.hpp"
@@ -79,6 +80,7 @@ struct FrameScratch {
     AdvanceIslandsScratch advance;
     std::array<HapticScratch, kMaxTools> haptic;
     SurfaceNormalsScratch normals;
+    CrossingFacesScratch crossing_faces;
     EnergyScratch energy;
 };
 

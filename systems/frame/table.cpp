@@ -178,6 +178,9 @@ void hand_forces(World& w, FrameState& f) { end_hand_pass(period_seconds(w), !f.
 void surface_normals(World& w, FrameState& f) {
     compute_surface_normals(surfaces_of(w), f.scratch.normals, w.normals, sleeping_bodies(f, kSeenByNormals));
 }
+void self_crossings(World& w, FrameState& f) {
+    count_self_crossings(w.clock.picture, surfaces_of(w), w.sleep, f.scratch.crossing_faces, w.self_crossings, w.report);
+}
 void energy(World& w, FrameState& f) {
     measure_energy(energy_inputs(w), w.energy_start, f.scratch.energy, w.energy, sleeping_bodies(f, kSeenByEnergy));
 }
@@ -324,6 +327,8 @@ constexpr FrameStage kStages[] = {
         mask(R::kToolState)}, any_tool},
     {S::kSurfaceNormals,  P::kPicture,  {"surface normals", run<stages::surface_normals>,   kShapes,
         mask(R::kNormals)}, any_deformable},
+    {S::kSelfCrossings,   P::kPicture,  {"self-crossings",  run<stages::self_crossings>,    kShapes | mask(R::kClock, R::kSleep),
+        mask(R::kSelfCrossings, R::kReport)}, any_deformable},
     {S::kEnergy,          P::kPicture,  {"energy",          run<stages::energy>,            mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState),
         mask(R::kEnergy, R::kEnergyStart)}, any_energy},
     {S::kPicture,         P::kPicture,  {"picture",         run<stages::picture>,           kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kSpawning, R::kNodeState),

@@ -87,6 +87,25 @@ TEST(RunWatch, NamesShortSteps) {
     }
 }
 
+// Every third vertex of a soft block is mirrored: named at the next picture.
+TEST(RunWatch, NamesWhatCrossesItself) {
+    const WrittenScene written("crossed", "gravity = [0, 0, 0]\n" + body("block", kSoft + "youngs_modulus = 10"));
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(written.build().world, {});
+        RunWatch watch(frame.world());
+        const Range particles = frame.world().bodies.particles[0];
+        for (uint32_t p = particles.first; p < particles.end(); p += 3) frame.world().particles.offset[p].x *= -1;
+        for (int pass = 0; pass < 2; ++pass) frame.step(), watch.after_pass(frame);
+        const uint64_t pairs = frame.world().report.self_crossings;
+        EXPECT_GT(pairs, 0u);
+        const std::vector<std::string> warnings = watch.take_warnings();
+        EXPECT_TRUE(std::ranges::any_of(warnings, [&](const std::string& text) {
+            return text.find("\"block\" crosses itself in " + std::to_string(pairs) + " pairs of faces") != std::string::npos;
+        })) << testing::PrintToString(warnings);
+    });
+}
+
 // Turns one inner node's tetrahedra inside out by hand; what is counted at the end of the pass is what doubles say.
 TEST(RunWatch, CountsInvertedTetrahedra) {
     uint32_t inverted = 0;

@@ -116,6 +116,7 @@ void RunWatch::after_pass(Frame& frame) {
     if (w.report.short_steps > 0) look_at_steps(w);
     look_at_tools(w);
     look_at_tetrahedra(w);
+    look_at_crossings(w);
     follow_overlaps(w);
     if (frame.times().picture && budget_.known) look_at_energy(frame);
 }
@@ -174,6 +175,18 @@ void RunWatch::look_at_tetrahedra(const World& w) {
         texts.push_back(format("%u of %u tetrahedra of \"%s\" are inside out after %.3f s, the least at %.2g of its volume", inverted,
                                w.solids.info[w.bodies.mesh[b]].count, name_of(w, b), static_cast<double>(w.clock.tick) * 1e-3,
                                static_cast<double>(least_volume_ratio(tets))));
+    }
+    if (!texts.empty()) warnings_.push_back(listed(texts));
+}
+
+void RunWatch::look_at_crossings(const World& w) {
+    if (w.report.self_crossings == std::exchange(crossings_before_, w.report.self_crossings)) return;
+    std::vector<std::string> texts;
+    crossed_.resize(w.bodies.mesh.size());
+    for (uint32_t b = 0; b < w.self_crossings.pairs.size(); ++b) {
+        if (w.self_crossings.pairs[b] == 0 || std::exchange(crossed_[b], 1)) continue;
+        texts.push_back(format("\"%s\" crosses itself in %llu pairs of faces after %.3f s", name_of(w, b),
+                               static_cast<unsigned long long>(w.self_crossings.pairs[b]), static_cast<double>(w.clock.tick) * 1e-3));
     }
     if (!texts.empty()) warnings_.push_back(listed(texts));
 }

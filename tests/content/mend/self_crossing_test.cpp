@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <random>
 
+#include "engine/mesh/crossing_faces.hpp"
 #include "tests/reference/meet_by_differences.hpp"
 #include "tests/reference/sample_meshes.hpp"
 
@@ -61,6 +62,18 @@ void expect_same(const SelfCrossings& got, const SelfCrossings& expected, const 
     EXPECT_EQ(got.lowest_pair, expected.lowest_pair) << what << " " << seed;
 }
 
+// As the frame counts them, of corners in floats.
+uint64_t count_in_floats(const Mesh& m) {
+    std::vector<Float4> position;
+    for (const Vec3d& p : m.position) {
+        const Vec3 f = p.cast<float>();
+        EXPECT_EQ(f.cast<double>(), p);
+        position.push_back({f.x(), f.y(), f.z(), 0});
+    }
+    CrossingFacesScratch scratch;
+    return count_crossing_faces(m.triangle, position.data(), {0, face_leaves(m.triangle.size())}, scratch);
+}
+
 // Random faces over few grid points: most pairs share corners, edges, planes or lines. Breaks when a shortcut
 // for shared corners or edges is wrong, or the box tree misses a pair.
 TEST(SelfCrossing, TangledMeshesAgreeWithBruteForce) {
@@ -86,6 +99,7 @@ TEST(SelfCrossing, TangledMeshesAgreeWithBruteForce) {
         crossing += expected.crossing;
         touching += expected.touching;
         expect_same(count_self_crossings(m), expected, "tangle", seed);
+        EXPECT_EQ(count_in_floats(m), expected.crossing) << seed;
     }
     EXPECT_GT(crossing, 1000u);
     EXPECT_GT(touching, 1000u);
@@ -102,6 +116,7 @@ TEST(SelfCrossing, G21_TwoBallsInOneMesh) {
         const SelfCrossings expected = count_by_brute_force(m);
         EXPECT_GT(expected.crossing, 20u);
         expect_same(count_self_crossings(m), expected, "balls", seed);
+        EXPECT_EQ(count_in_floats(m), expected.crossing);
     }
 }
 
@@ -132,6 +147,7 @@ TEST(SelfCrossing, A10_FansAgreeWithBruteForce) {
     const SelfCrossings expected = count_by_brute_force(m), found = count_self_crossings(m);
     EXPECT_GT(expected.crossing, 20u);
     expect_same(found, expected, "fan", 1);
+    EXPECT_EQ(count_in_floats(m), expected.crossing);
     EXPECT_LT(found.tested, 120 * m.triangle.size());
 }
 
