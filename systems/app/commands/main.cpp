@@ -120,6 +120,8 @@ void add_run(CLI::App& app, int& code) {
     run->add_flag("--figures-only", o->figures_only, "Write only metrics.json and passes.csv");
     run->add_flag_callback(
         "--no-render", [o] { o->render = false; }, "Draw no pictures");
+    run->add_flag_callback(
+        "--no-player", [o] { o->player = false; }, "Leave the 3D player out of report.html");
     add_sets(run, o->overrides,
              "Change a key of the scene (liver.tissue.wall=3e-3, contact.tolerance=1e-4; body.KEY: of every deformable body), or a "
              "parameter that `trocar scenes` lists: KEY=VALUE, repeatable");

@@ -1,0 +1,63 @@
+// Colours of bodies by what the viewer asks for. Linear RGB.
+import {Color} from 'three';
+
+const linearOf = Float32Array.from({length: 256}, (_, i) => new Color(i / 255, 0, 0).convertSRGBToLinear().r);
+const calm = [0.42, 0.44, 0.47], asleep = [0.13, 0.2, 0.42], still = [0.25, 0.26, 0.28], awake = [0.75, 0.33, 0.12];
+
+export function colourOnScale(scale, share) {
+    const at = Math.min(1, Math.max(0, share)) * (scale.length - 1), low = Math.floor(at), high = Math.min(scale.length - 1, low + 1);
+    return scale[low].map((x, k) => x + (scale[high][k] - x) * (at - low));
+}
+
+const islandColour = island => new Color().setHSL((island * 0.618034) % 1, 0.6, 0.5).toArray();
+
+// ms of detection that each body had a share in, half of every pair's.
+export function costsOfBodies(frame) {
+    const cost = new Map();
+    for (const {a, b, ms} of frame.pairs)
+        for (const body of [a, b]) cost.set(body, (cost.get(body) || 0) + ms / 2);
+    return cost;
+}
+
+// m, depth by vertex of each body that has a contact.
+export function depthsOfVertices(frame) {
+    const depths = new Map();
+    for (const c of frame.contacts) {
+        if (!depths.has(c.body)) depths.set(c.body, new Map());
+        const own = depths.get(c.body);
+        for (const v of c.vertices) own.set(v, Math.max(own.get(v) ?? -Infinity, -c.distance));
+    }
+    return depths;
+}
+
+export const modes = {
+    material: 'material',
+    depth: 'contact depth',
+    island: 'island',
+    sleep: 'asleep or awake',
+    cost: 'cost of detection',
+};
+
+// A function that fills the colours of one body's drawn vertices; `source` is the vertex of each.
+export function painter(mode, recording, frame, limits) {
+    const {header, meshes} = recording, scale = header.depth_colours;
+    const depths = mode === 'depth' ? depthsOfVertices(frame) : null, costs = mode === 'cost' ? costsOfBodies(frame) : null;
+    const flat = (body, state) => {
+        if (mode === 'sleep') return header.bodies[body].still ? still : state.asleep ? asleep : awake;
+        if (mode === 'island') return state.island < 0 ? still : islandColour(state.island);
+        return costs.has(body) ? colourOnScale(scale, costs.get(body) / limits.cost) : calm;
+    };
+    return (body, source, out) => {
+        if (mode === 'material') {
+            const {colours} = meshes[header.bodies[body].mesh];
+            source.forEach((v, i) => { for (let k = 0; k < 3; ++k) out[3 * i + k] = linearOf[colours[3 * v + k]]; });
+            return;
+        }
+        const own = mode === 'depth' ? depths.get(body) : null, plain = mode === 'depth' ? calm : flat(body, frame.bodies[body]);
+        source.forEach((v, i) => {
+            const depth = own && own.get(v);
+            const colour = depth === undefined || depth === null ? plain : colourOnScale(scale, depth / limits.depth);
+            for (let k = 0; k < 3; ++k) out[3 * i + k] = colour[k];
+        });
+    };
+}

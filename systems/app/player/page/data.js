@@ -1,0 +1,114 @@
+// Reads what PlayerRecorder::coded wrote (systems/app/player/player_recorder.cpp). Lengths in m, forces in N.
+
+class Reader {
+    constructor(bytes) {
+        this.bytes = bytes, this.at = 0;
+        this.view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+    }
+    number() {
+        let value = 0, scale = 1;
+        for (;; scale *= 128) {
+            const byte = this.bytes[this.at++];
+            value += (byte & 127) * scale;
+            if (byte < 128) return value;
+        }
+    }
+    signed() {
+        const value = this.number();
+        return value % 2 ? -(value + 1) / 2 : value / 2;
+    }
+    float() { return this.view.getFloat32((this.at += 4) - 4, true); }
+    double() { return this.view.getFloat64((this.at += 8) - 8, true); }
+    vector() { return [this.float(), this.float(), this.float()]; }
+    byte() { return this.view.getInt8(this.at++); }
+    text(length) { return new TextDecoder().decode(this.bytes.subarray(this.at, this.at += length)); }
+    times(count, read) { return Array.from({length: count}, read); }
+}
+
+function readTriangles(r) {
+    const corners = new Uint32Array(3 * r.number());
+    let before = 0;
+    for (let i = 0; i < corners.length; ++i) corners[i] = before += r.signed();
+    return corners;
+}
+
+function readMesh(r) {
+    const count = r.number(), hasShape = r.number() === 1, step = r.double(), opacity = r.float();
+    const position = hasShape ? new Float32Array(3 * count) : null, before = [0, 0, 0];
+    if (hasShape)
+        for (let i = 0; i < 3 * count; ++i) position[i] = (before[i % 3] += r.signed()) * step;
+    const triangles = readTriangles(r);
+    const colours = r.bytes.slice(r.at, r.at += 3 * count);  // sRGB
+    return {count, position, triangles, colours, opacity};
+}
+
+const State = {away: 0, awake: 1, asleep: 2, island: 3};
+
+// A body that did not move shares its coordinates with the frame before.
+function readMoves(r, header, meshes, before) {
+    return header.bodies.map((body, b) => {
+        const word = r.number(), last = before && before[b];
+        const state = Math.floor(word / 2), own = {away: state === State.away, asleep: state === State.asleep,
+                                                  island: state >= State.island ? state - State.island : -1};
+        const count = body.soft ? 3 * meshes[body.mesh].count : 7;
+        if (word % 2 === 0) return {...own, at: last ? last.at : new Int32Array(count)};
+        const at = last ? last.at.slice() : new Int32Array(count);
+        for (let i = 0; i < count; ++i) at[i] += r.signed();
+        return {...own, at};
+    });
+}
+
+function readContact(r, header, place) {
+    const c = {body: r.number(), other: r.number(), vertices: [r.number(), r.number()]};
+    const third = r.number();
+    if (third > 0) c.vertices.push(third - 1);
+    c.point = place.map((_, k) => (place[k] += r.signed()) * header.point_step);
+    c.normal = [r.byte() / 127, r.byte() / 127, r.byte() / 127];
+    c.distance = r.signed() * header.depth_step;
+    c.constrained = r.number() === 1;
+    c.push = c.constrained ? r.signed() * header.force_step : 0;
+    c.friction = c.constrained ? r.signed() * header.force_step : 0;
+    return c;
+}
+
+function readFrame(r, header, meshes, before) {
+    const frame = {time: r.double(), pass: r.number()};
+    frame.bodies = readMoves(r, header, meshes, before && before.bodies);
+    frame.surfaces = new Map(before ? before.surfaces : []);  // of torn bodies, instead of their meshes'
+    for (let body; (body = r.number()) > 0;) frame.surfaces.set(body - 1, readTriangles(r));
+    frame.stages = r.times(r.number(), () => r.number() * 1e-3);  // ms
+    frame.pairs = r.times(r.number(), () => ({a: r.number(), b: r.number(), vertices: r.number(), ms: r.number() * 1e-3}));
+    frame.contactsFound = r.number();
+    const place = [0, 0, 0];
+    frame.contacts = r.times(r.number(), () => readContact(r, header, place));
+    frame.tools = r.times(r.number(), () => ({device: r.vector(), proxy: r.vector(), force: r.vector()}));
+    if (header.cells) {
+        frame.cellsFound = r.number();
+        const count = r.number();
+        frame.cellSize = r.float(), frame.cellOrigin = r.vector();
+        frame.cells = r.times(count, () => [r.number(), r.number(), r.number()]);
+    }
+    return frame;
+}
+
+export function readRecording(bytes) {
+    const r = new Reader(bytes);
+    const header = JSON.parse(r.text(r.number()));
+    const meshes = r.times(header.meshes, () => readMesh(r));
+    const frames = [];
+    for (let i = 0; i < header.frames; ++i) frames.push(readFrame(r, header, meshes, frames[i - 1]));
+    return {header, meshes, frames};
+}
+
+// World positions (from the recording's origin) of a soft body's vertices in a frame.
+export function softPositions(recording, body, frame, out) {
+    const {at} = recording.frames[frame].bodies[body], step = recording.header.bodies[body].step;
+    for (let i = 0; i < at.length; ++i) out[i] = at[i] * step;
+    return out;
+}
+
+// Position and quaternion (x, y, z, w) of a rigid body.
+export function pose(recording, body, frame) {
+    const {at} = recording.frames[frame].bodies[body], {bodies, turn_step: turn} = recording.header, step = bodies[body].step;
+    return {position: [at[0] * step, at[1] * step, at[2] * step], turn: [at[4] * turn, at[5] * turn, at[6] * turn, at[3] * turn]};
+}

@@ -1,0 +1,68 @@
+#pragma once
+#include <span>
+#include <string>
+#include <vector>
+
+#include "components/picture.hpp"
+#include "systems/frame/frame.hpp"
+namespace trocar {
+
+// Everything that the player shows of one moment: what a run keeps of a displayed frame, coded as page/data.js reads it.
+struct PlayerFrame {
+    double time = 0;                // s, simulated: end of the pass
+    uint64_t pass = 0;              // passes made so far
+    std::vector<uint8_t> moves;     // every body: its state, and the steps of its coordinates since the frame before
+    std::vector<uint8_t> surfaces;  // triangles of bodies torn since the frame before
+    std::vector<uint8_t> findings;  // of the last pass: costs of stages and pairs, contacts, tools; cells, if asked for
+    size_t bytes() const { return moves.size() + surfaces.size() + findings.size(); }
+};
+
+// What a body does, in the lowest digits of its state; from kInIsland on, the number of its island.
+enum class PlayerState : uint32_t { kAway, kAwake, kAsleep, kInIsland };
+
+// Keeps the displayed frames of a run, or all passes of a replayed capture. Reads the world between passes and changes nothing.
+// Memory is bounded: beyond kMostBytes every second frame goes, a few at each pass, so that no pass waits for it.
+class PlayerRecorder {
+ public:
+    static constexpr size_t kMostBytes = size_t{24} << 20;
+    static constexpr size_t kMostContacts = 1000, kMostCells = 4000;  // per frame: the deepest, the first
+    // Bodies are stored in steps of this part of their radius (floats of 24 bits know about 1e-7 of it).
+    static constexpr double kStepsPerRadius = 16384;
+    static constexpr double kTurnStep = 1.0 / (1 << 18);  // of a quaternion's components
+    static constexpr double kPointStep = 1e-6;            // m, of contact points
+    static constexpr double kDepthStep = 1e-8;            // m, of contact distances
+    static constexpr double kForceStep = 1e-5;            // N
+
+    // Records the state before the first pass. `every_pass`: not only displayed ones, and with the cells of the grid.
+    explicit PlayerRecorder(const Frame& frame, bool every_pass = false, size_t most_bytes = kMostBytes);
+    // Call after every pass with the durations of its stages.
+    void after_pass(std::span<const uint64_t> stage_ns);
+    // Lets every second frame go (the newest stays); false if none is left to spare.
+    bool halve();
+    // The recording in the format of page/data.js.
+    std::vector<uint8_t> coded(const std::string& scene, const Camera& camera) const;
+    const std::vector<PlayerFrame>& frames() const { return frames_; }
+    uint64_t taken() const { return taken_; }  // frames offered so far
+    double worst_step() const;                 // m, largest step of a moving body
+
+ private:
+    void record(std::span<const uint64_t> stage_ns);
+    void add_moves(PlayerFrame& out);
+    void add_surfaces(PlayerFrame& out);
+    void join_some();
+    bool join_at(size_t index);
+    const Frame& frame_;
+    bool every_pass_;
+    size_t most_bytes_, bytes_ = 0, joining_ = 0;
+    bool is_joining_ = false;
+    uint64_t taken_ = 0, stride_ = 1;
+    Vec3d origin_;                       // m, world: positions are relative to it
+    std::vector<double> step_;           // m, per body
+    std::vector<uint32_t> coordinates_;  // per body: seven of a pose, or three per vertex
+    std::vector<int32_t> last_;          // coordinates of all bodies in the newest frame
+    std::vector<uint32_t> order_;        // of torn triangles, as in Tears
+    std::vector<uint8_t> meshes_;        // coded before the first pass: shapes, triangles, colours
+    std::vector<PlayerFrame> frames_;
+};
+
+}  // namespace trocar
