@@ -386,6 +386,9 @@ void add_capture(CLI::App& app, int& code) {
     exported->add_option("--png", o->png, "Folder for frames/*.png");
     exported->add_option("--trace", o->trace, "Chrome trace (JSON) of the stages of every pass: Perfetto, speedscope");
     exported->add_option("--csv", o->csv, "CSV with one line per pass");
+    exported->add_option("--html", o->html,
+                         "Page with the 3D player of every pass: contacts, their constraints and impulses, islands, cells of the grid, "
+                         "stage times and dearest pairs as recorded");
     add_threads(exported, o->threads);
     run_with(exported, code, o, capture_export_command);
     capture->footer(

@@ -116,7 +116,7 @@ int replay_command(const ReplayOptions& options);
 
 struct CaptureExportOptions {
     std::string file;
-    std::filesystem::path vtp, png, trace, csv;  // empty = not written
+    std::filesystem::path vtp, png, trace, csv, html;  // empty = not written
     bool per_body = false;                       // applies to vtp
     uint32_t threads = 0;
 };

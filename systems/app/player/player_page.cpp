@@ -44,7 +44,7 @@ std::string player_section(PlayerRecorder& recorder, const std::string& scene, c
     if (recording.size() > largest)
         return text_section("Left out: one frame alone takes " + mebibytes(recording.size()) + ", more than the " + mebibytes(largest) +
                             " that a page may hold.");
-    const size_t shown = recorder.frames().size(), all = recorder.taken() + 1;
+    const size_t shown = recorder.frames().size(), all = recorder.offered();
     std::string note = std::to_string(shown) + " frames, " + mebibytes(recording.size()) + " in this page and " +
                        mebibytes(std::strlen(kPlayerScript)) + " for the player itself (<code>--no-player</code> leaves both out); ";
     if (shown < all) note += "of " + std::to_string(all) + ", so that it stays below " + mebibytes(largest) + "; ";

@@ -20,6 +20,8 @@ int32_t in_steps(double value, double step, int32_t before) {
     return std::isfinite(steps) ? static_cast<int32_t>(std::lround(std::clamp(steps, -kFarthest, kFarthest))) : before;
 }
 
+double step_of(const MeshInfo& info) { return std::max(info.radius, 1e-6) / PlayerRecorder::kStepsPerRadius; }
+
 void put_vector(std::vector<uint8_t>& out, const Vec3d& v) {
     for (const double x : v) put_float(out, x);
 }
@@ -169,23 +171,28 @@ void put_cells(std::vector<uint8_t>& out, const Occupancy& cells, const Vec3d& o
 
 }  // namespace
 
-PlayerRecorder::PlayerRecorder(const Frame& frame, bool every_pass, size_t most_bytes)
-    : frame_(frame), every_pass_(every_pass), most_bytes_(most_bytes), order_(frame.world().tears.order) {
+PlayerRecorder::PlayerRecorder(const Frame& frame, bool every_pass, std::span<const uint64_t> stage_ns, size_t most_bytes)
+    : every_pass_(every_pass),
+      most_bytes_(most_bytes),
+      stages_(frame.stage_names()),
+      tools_(frame.world().haptics.tool),
+      order_(frame.world().tears.order) {
     const World& w = frame.world();
     origin_ = w.poses.origin.empty() ? Vec3d(Vec3d::Zero()) : w.poses.origin.front();
     std::vector<uint8_t> has_rigid(w.meshes.info.size(), 0);
     for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) {
-        const MeshInfo& info = w.meshes.info[w.bodies.mesh[b]];
-        const bool soft = is_deformable(w.bodies, b);
-        step_.push_back(std::max(info.radius, 1e-6) / kStepsPerRadius);
-        coordinates_.push_back(soft ? 3 * info.vertices.count : 7);
-        has_rigid[w.bodies.mesh[b]] |= !soft;
+        const uint32_t mesh = w.bodies.mesh[b];
+        const MeshInfo& info = w.meshes.info[mesh];
+        coordinates_.push_back(is_deformable(w.bodies, b) ? 3 * info.vertices.count : 7);
+        bodies_.push_back({w.bodies.name[b], mesh, w.bodies.motion[b], info.admission == Admission::kSheet, step_of(info)});
+        has_rigid[mesh] |= !is_deformable(w.bodies, b);
     }
     last_.assign(std::accumulate(coordinates_.begin(), coordinates_.end(), size_t{0}), 0);
-    for (uint32_t m = 0; m < w.meshes.info.size(); ++m) {
+    mesh_count_ = w.meshes.info.size();
+    for (uint32_t m = 0; m < mesh_count_; ++m) {
         const MeshInfo& info = w.meshes.info[m];
         put_number(meshes_, info.vertices.count), put_number(meshes_, has_rigid[m]);
-        const double step = std::max(info.radius, 1e-6) / kStepsPerRadius;
+        const double step = step_of(info);
         put_double(meshes_, step), put_float(meshes_, opacity_of(w.meshes, m));
         std::array<int32_t, 3> before{};
         for (uint32_t v = info.vertices.first; has_rigid[m] && v < info.vertices.end(); ++v) {
@@ -197,21 +204,21 @@ PlayerRecorder::PlayerRecorder(const Frame& frame, bool every_pass, size_t most_
         put_triangles(meshes_, std::span(w.meshes.triangle).subspan(info.triangles.first, info.triangles.count));
         put_colours(meshes_, w.meshes, m);
     }
-    record({});
+    record(frame, stage_ns);
 }
 
-void PlayerRecorder::after_pass(std::span<const uint64_t> stage_ns) {
-    if (!every_pass_ && !frame_.times().picture) return;
+void PlayerRecorder::after_pass(const Frame& frame, std::span<const uint64_t> stage_ns) {
+    if (!every_pass_ && !frame.times().picture) return;
     join_some();
-    if (++taken_ % stride_ == 0) record(stage_ns);
+    if (offered_++ % stride_ == 0) record(frame, stage_ns);
 }
 
-void PlayerRecorder::record(std::span<const uint64_t> stage_ns) {
-    const World& w = frame_.world();
+void PlayerRecorder::record(const Frame& frame, std::span<const uint64_t> stage_ns) {
+    const World& w = frame.world();
     PlayerFrame out{static_cast<double>(w.clock.tick) * 1e-3, w.clock.pass, {}, {}, {}};
-    add_moves(out);
-    add_surfaces(out);
-    put_costs(out.findings, frame_, stage_ns);
+    add_moves(w, out);
+    add_surfaces(w, out);
+    put_costs(out.findings, frame, stage_ns);
     put_contacts(out.findings, w, origin_);
     put_tools(out.findings, w.haptics, origin_);
     if (every_pass_) put_cells(out.findings, w.occupancy, origin_);
@@ -219,8 +226,7 @@ void PlayerRecorder::record(std::span<const uint64_t> stage_ns) {
     frames_.push_back(std::move(out));
 }
 
-void PlayerRecorder::add_moves(PlayerFrame& out) {
-    const World& w = frame_.world();
+void PlayerRecorder::add_moves(const World& w, PlayerFrame& out) {
     std::vector<uint32_t> state(w.bodies.mesh.size(), static_cast<uint32_t>(PlayerState::kAwake));
     for (uint32_t i = 0; i < w.islands.bodies.size(); ++i)
         for (uint32_t k = w.islands.bodies[i].first; k < w.islands.bodies[i].end(); ++k)
@@ -238,12 +244,12 @@ void PlayerRecorder::add_moves(PlayerFrame& out) {
         if (is_deformable(w.bodies, b)) {
             for (uint32_t v = 0; v < coordinates_[b] / 3; ++v) {
                 const Float4& o = w.particles.offset[w.bodies.particles[b].first + v];
-                add(place.x() + static_cast<double>(o.x), step_[b]), add(place.y() + static_cast<double>(o.y), step_[b]);
-                add(place.z() + static_cast<double>(o.z), step_[b]);
+                add(place.x() + static_cast<double>(o.x), bodies_[b].step), add(place.y() + static_cast<double>(o.y), bodies_[b].step);
+                add(place.z() + static_cast<double>(o.z), bodies_[b].step);
             }
         } else {
             const Quat& q = w.poses.orientation[b];
-            for (const double x : place) add(x, step_[b]);
+            for (const double x : place) add(x, bodies_[b].step);
             for (const double x : {q.w, q.x, q.y, q.z}) add(x, kTurnStep);
         }
         const bool moves = !std::equal(now.begin(), now.end(), last);
@@ -252,8 +258,7 @@ void PlayerRecorder::add_moves(PlayerFrame& out) {
     }
 }
 
-void PlayerRecorder::add_surfaces(PlayerFrame& out) {
-    const World& w = frame_.world();
+void PlayerRecorder::add_surfaces(const World& w, PlayerFrame& out) {
     for (const TearBody& tear : w.tears.body) {
         const auto same = [&](uint32_t t) { return order_[t] == w.tears.order[t]; };
         bool torn = false;
@@ -297,17 +302,16 @@ bool PlayerRecorder::halve() {
 
 double PlayerRecorder::worst_step() const {
     double worst = 0;
-    for (uint32_t b = 0; b < step_.size(); ++b)
-        if (frame_.world().bodies.motion[b] != Motion::kStatic) worst = std::max(worst, step_[b]);
+    for (const Body& body : bodies_)
+        if (body.motion != Motion::kStatic) worst = std::max(worst, body.step);
     return worst;
 }
 
 std::vector<uint8_t> PlayerRecorder::coded(const std::string& scene, const Camera& camera) const {
-    const World& w = frame_.world();
     const auto list = [](const Vec3d& v) { return nlohmann::json{v.x(), v.y(), v.z()}; };
-    nlohmann::json header{{"scene", scene}, {"frames", frames_.size()}, {"offered", taken_ + 1}, {"meshes", w.meshes.info.size()}};
+    nlohmann::json header{{"scene", scene}, {"frames", frames_.size()}, {"meshes", mesh_count_}};
     header["point_step"] = kPointStep, header["depth_step"] = kDepthStep, header["force_step"] = kForceStep;
-    header["turn_step"] = kTurnStep, header["cells"] = every_pass_, header["stages"] = frame_.stage_names();
+    header["turn_step"] = kTurnStep, header["cells"] = every_pass_, header["stages"] = stages_;
     header["camera"] = {{"orbit", camera.kind == CameraKind::kOrbit},
                         {"target", list(camera.target - origin_)},
                         {"up", list(camera.up)},
@@ -321,17 +325,17 @@ std::vector<uint8_t> PlayerRecorder::coded(const std::string& scene, const Camer
         header["depth_colours"].push_back({c[0], c[1], c[2]});
     }
     header["bodies"] = nlohmann::json::array(), header["tools"] = nlohmann::json::array();
-    for (uint32_t b = 0; b < step_.size(); ++b) {
-        const bool sheet = w.meshes.info[w.bodies.mesh[b]].admission == Admission::kSheet;
-        header["bodies"].push_back({{"name", w.bodies.name[b]},
-                                    {"mesh", w.bodies.mesh[b]},
-                                    {"soft", is_deformable(w.bodies, b)},
-                                    {"still", w.bodies.motion[b] == Motion::kStatic},
-                                    {"fitted", is_deformable(w.bodies, b) || w.bodies.motion[b] == Motion::kFree},
-                                    {"kind", std::string(kind_of(w.bodies.motion[b])) + (sheet ? ", sheet" : "")},
-                                    {"step", step_[b]}});
+    for (const Body& body : bodies_) {
+        const bool soft = body.motion == Motion::kDeformable;
+        header["bodies"].push_back({{"name", body.name},
+                                    {"mesh", body.mesh},
+                                    {"soft", soft},
+                                    {"still", body.motion == Motion::kStatic},
+                                    {"fitted", soft || body.motion == Motion::kFree},
+                                    {"kind", std::string(kind_of(body.motion)) + (body.sheet ? ", sheet" : "")},
+                                    {"step", body.step}});
     }
-    for (const HandTool& tool : w.haptics.tool) header["tools"].push_back({{"body", tool.body}, {"radius", tool.tip_radius}});
+    for (const HandTool& tool : tools_) header["tools"].push_back({{"body", tool.body}, {"radius", tool.tip_radius}});
     const std::string text = header.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);  // names may be anything
     std::vector<uint8_t> out;
     put_number(out, text.size());

@@ -33,35 +33,45 @@ class PlayerRecorder {
     static constexpr double kDepthStep = 1e-8;            // m, of contact distances
     static constexpr double kForceStep = 1e-5;            // N
 
-    // Records the state before the first pass. `every_pass`: not only displayed ones, and with the cells of the grid.
-    explicit PlayerRecorder(const Frame& frame, bool every_pass = false, size_t most_bytes = kMostBytes);
+    // Records the present state, which `stage_ns` led to. `every_pass`: not only displayed ones, and with the cells of the grid.
+    explicit PlayerRecorder(const Frame& frame, bool every_pass = false, std::span<const uint64_t> stage_ns = {},
+                            size_t most_bytes = kMostBytes);
     // Call after every pass with the durations of its stages.
-    void after_pass(std::span<const uint64_t> stage_ns);
-    // Lets every second frame go (the newest stays); false if none is left to spare.
+    void after_pass(const Frame& frame, std::span<const uint64_t> stage_ns);
+    // Lets every second frame go (the first and the newest stay); false if none is left to spare.
     bool halve();
     // The recording in the format of page/data.js.
     std::vector<uint8_t> coded(const std::string& scene, const Camera& camera) const;
     const std::vector<PlayerFrame>& frames() const { return frames_; }
-    uint64_t taken() const { return taken_; }  // frames offered so far
-    double worst_step() const;                 // m, largest step of a moving body
+    size_t bytes() const { return bytes_; }        // of all frames
+    uint64_t offered() const { return offered_; }  // frames, kept or not
+    double worst_step() const;                     // m, largest step of a moving body
 
  private:
-    void record(std::span<const uint64_t> stage_ns);
-    void add_moves(PlayerFrame& out);
-    void add_surfaces(PlayerFrame& out);
+    struct Body {
+        std::string name;
+        uint32_t mesh = 0;
+        Motion motion = Motion::kStatic;
+        bool sheet = false;
+        double step = 0;  // m, of coordinates
+    };
+    void record(const Frame& frame, std::span<const uint64_t> stage_ns);
+    void add_moves(const World& world, PlayerFrame& out);
+    void add_surfaces(const World& world, PlayerFrame& out);
     void join_some();
     bool join_at(size_t index);
-    const Frame& frame_;
-    bool every_pass_;
+    bool every_pass_, is_joining_ = false;
     size_t most_bytes_, bytes_ = 0, joining_ = 0;
-    bool is_joining_ = false;
-    uint64_t taken_ = 0, stride_ = 1;
-    Vec3d origin_;                       // m, world: positions are relative to it
-    std::vector<double> step_;           // m, per body
+    uint64_t offered_ = 1, stride_ = 1;
+    std::vector<std::string> stages_;
+    Vec3d origin_;  // m, world: positions are relative to it
+    std::vector<Body> bodies_;
     std::vector<uint32_t> coordinates_;  // per body: seven of a pose, or three per vertex
-    std::vector<int32_t> last_;          // coordinates of all bodies in the newest frame
-    std::vector<uint32_t> order_;        // of torn triangles, as in Tears
-    std::vector<uint8_t> meshes_;        // coded before the first pass: shapes, triangles, colours
+    std::vector<HandTool> tools_;
+    std::vector<int32_t> last_;    // coordinates of all bodies in the newest frame
+    std::vector<uint32_t> order_;  // of torn triangles, as in Tears
+    size_t mesh_count_ = 0;
+    std::vector<uint8_t> meshes_;  // coded: shapes, triangles, colours
     std::vector<PlayerFrame> frames_;
 };
 

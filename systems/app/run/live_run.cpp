@@ -255,7 +255,7 @@ bool run_live(const RunParts& run, LiveRecording* recording) {
         if (frame.times().picture && drawing) drawing->publish(world.picture), ++published;
         pass.frame_ms = static_cast<double>(monotonic_ns() - pass_start) * 1e-6;
         if (recorder) recorder->after_pass(pass);
-        if (player) player->after_pass(frame.times().stage_ns);
+        if (player) player->after_pass(frame, frame.times().stage_ns);
         add_stage_times(frame, figures);
         figures.pass.push_back(pass);
         record_tools(frame, figures.tool_sample);

@@ -167,7 +167,7 @@ void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
             if (options.export_every > 0 && !options.out.empty() && (frame.world().clock.picture - 1) % options.export_every == 0)
                 attempt(figures, [&] { export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture - 1); });
         }
-        if (player) player->after_pass(frame.times().stage_ns);
+        if (player) player->after_pass(frame, frame.times().stage_ns);
         add_stage_times(frame, figures);
         for (const uint64_t ns : frame.times().tick_ns) figures.tick_us.push_back(static_cast<double>(ns) * 1e-3);
         figures.pass.push_back(pass);

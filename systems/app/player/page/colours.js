@@ -4,10 +4,39 @@ import {Color} from 'three';
 const linearOf = Float32Array.from({length: 256}, (_, i) => new Color(i / 255, 0, 0).convertSRGBToLinear().r);
 const calm = [0.42, 0.44, 0.47], asleep = [0.13, 0.2, 0.42], still = [0.25, 0.26, 0.28], awake = [0.75, 0.33, 0.12];
 
+// A contact's point: darker the more it pushes; pale blue where it carries nothing.
+export function contactColour(scale, contact, limits) {
+    return contact.push > 0 ? colourOnScale(scale, 0.25 + 0.6 * contact.push / limits.force) : contact.distance < 0 ? scale[0] : [0.35, 0.5, 0.75];
+}
+
+// What the colours mean: css and two ends, or null.
+export function legendOf(mode, {depth_colours: scale}, limits) {
+    const css = ([r, g, b]) => new Color(r, g, b).getStyle();
+    if (mode === 'sleep') return {css: `${css(asleep)} 50%, ${css(awake)} 50%`, low: 'asleep', high: 'awake'};
+    if (mode !== 'depth' && mode !== 'cost') return null;
+    const high = mode === 'depth' ? `${(1e3 * limits.depth).toPrecision(3)} mm` : `${limits.cost.toPrecision(3)} ms`;
+    return {css: scale.map(css).join(','), low: '0', high};
+}
+
 export function colourOnScale(scale, share) {
     const at = Math.min(1, Math.max(0, share)) * (scale.length - 1), low = Math.floor(at), high = Math.min(scale.length - 1, low + 1);
     return scale[low].map((x, k) => x + (scale[high][k] - x) * (at - low));
 }
+
+// Bodies of runs that draw no pictures have no looks: they are told apart by what they are.
+const plainColour = [0.8, 0.8, 0.8].map(x => Math.round(255 * new Color(x, x, x).convertLinearToSRGB().r));
+const softs = [[0.45, 0.11, 0.08], [0.55, 0.27, 0.2], [0.5, 0.36, 0.12], [0.35, 0.12, 0.22]], steel = [0.4, 0.43, 0.47], floor = [0.5, 0.45, 0.36];
+
+function isPlain(colours) {
+    return colours.every((x, i) => x === plainColour[i % 3]);
+}
+
+// Linear colours of a mesh's vertices; null if the file gave none.
+export function ownColours({colours}) {
+    return isPlain(colours) ? null : Float32Array.from(colours, x => linearOf[x]);
+}
+
+const lookOf = (header, body) => header.bodies[body].soft ? softs[body % softs.length] : header.bodies[body].still ? floor : steel;
 
 const islandColour = island => new Color().setHSL((island * 0.618034) % 1, 0.6, 0.5).toArray();
 
@@ -49,8 +78,8 @@ export function painter(mode, recording, frame, limits) {
     };
     return (body, source, out) => {
         if (mode === 'material') {
-            const {colours} = meshes[header.bodies[body].mesh];
-            source.forEach((v, i) => { for (let k = 0; k < 3; ++k) out[3 * i + k] = linearOf[colours[3 * v + k]]; });
+            const {looks} = meshes[header.bodies[body].mesh], plain = lookOf(header, body);
+            source.forEach((v, i) => { for (let k = 0; k < 3; ++k) out[3 * i + k] = looks ? looks[3 * v + k] : plain[k]; });
             return;
         }
         const own = mode === 'depth' ? depths.get(body) : null, plain = mode === 'depth' ? calm : flat(body, frame.bodies[body]);

@@ -1,7 +1,7 @@
 // The player of a page: trocarPlayer(element, bytes) builds it. Other parts of the page go to a time by the event `trocar-time`
 // on the document (detail: s), and hear by `trocar-shown` which time is on show.
 import {readRecording} from './data.js';
-import {modes} from './colours.js';
+import {legendOf, modes} from './colours.js';
 import {View} from './view.js';
 import {bodyFacts, contactFacts, frameFacts} from './facts.js';
 
@@ -16,6 +16,7 @@ const style = `
 #player .facts3d{padding:10px 12px;border-left:1px solid #e3e6ea;font-size:13px;overflow:auto;max-height:min(62vh,640px)}
 #player .facts3d h3{font-size:13.5px;margin:10px 0 2px}#player .facts3d h3:first-child{margin-top:0}
 #player .facts3d table{font-size:12.5px;width:100%}#player .facts3d td{padding:1px 6px 1px 0}
+#player .legend i{display:inline-block;width:110px;height:10px;margin:0 6px;border-radius:3px}
 #player .hint{color:#667085}
 @media(max-width:820px){#player{grid-template-columns:1fr}#player .facts3d{border-left:0;border-top:1px solid #e3e6ea;max-height:240px}}`;
 
@@ -56,9 +57,9 @@ class Player {
                        speed, element('button', {textContent: 'Reset view', onclick: () => this.view.home()}));
     }
     makeLayers() {
-        const mode = element('select', {onchange: () => { this.view.mode = mode.value, this.show(this.at); }});
+        const mode = element('select', {onchange: () => { this.view.mode = mode.value, this.show(this.at), this.showLegend(); }});
         for (const [value, textContent] of Object.entries(modes)) mode.append(element('option', {value, textContent}));
-        const row = element('div', {className: 'bar'}, element('label', {}, 'colour by ', mode));
+        const row = element('div', {className: 'bar'}, element('label', {}, 'colour by ', mode), this.legend = element('span', {className: 'legend'}));
         for (const [layer, text] of Object.entries(layerNames)) {
             if (layer === 'cells' && !this.recording.header.cells) continue;
             if (layer === 'tools' && this.recording.header.tools.length === 0) continue;
@@ -67,6 +68,12 @@ class Player {
             row.append(element('label', {}, box, ' ' + text));
         }
         return row;
+    }
+    showLegend() {
+        const {css, low, high} = legendOf(this.view.mode, this.recording.header, this.view.limits) || {};
+        const bar = element('i');
+        bar.style.background = `linear-gradient(90deg, ${css})`;
+        this.legend.replaceChildren(...(css ? [low, bar, high] : []));
     }
     listen(host) {
         let down = null;

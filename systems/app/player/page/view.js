@@ -3,7 +3,7 @@ import * as three from 'three';
 import {OrbitControls} from 'three/addons/controls/OrbitControls.js';
 import {pose, softPositions} from './data.js';
 import {Surface} from './surface.js';
-import {colourOnScale, painter} from './colours.js';
+import {contactColour, ownColours, painter} from './colours.js';
 
 const clickRadius = 7;  // pixels, around a contact
 
@@ -27,6 +27,13 @@ function orbitDirection({up, azimuth, elevation}) {
     return east.multiplyScalar(Math.cos(elevation) * Math.cos(azimuth))
         .addScaledVector(north, Math.cos(elevation) * Math.sin(azimuth))
         .addScaledVector(sky, Math.sin(elevation));
+}
+
+// A white disc: points are squares without it.
+function disc() {
+    const canvas = Object.assign(document.createElement('canvas'), {width: 32, height: 32}), pen = canvas.getContext('2d');
+    pen.fillStyle = '#fff', pen.beginPath(), pen.arc(16, 16, 14, 0, 7), pen.fill();
+    return canvas;
 }
 
 // Lines or points whose number changes from frame to frame, drawn over the bodies.
@@ -63,6 +70,7 @@ export class View {
     }
     makeBodies() {
         const {header, meshes, frames} = this.recording;
+        for (const m of meshes) m.looks = ownColours(m);
         this.meshSurface = meshes.map(m => m.position && new Surface(m.position, m.triangles));
         this.surfaces = header.bodies.map((body, i) => body.soft
             ? new Surface(softPositions(this.recording, i, 0, new Float32Array(frames[0].bodies[i].at.length)), meshes[body.mesh].triangles)
@@ -80,13 +88,13 @@ export class View {
         this.drawn = header.bodies.map(() => null);  // coordinates that the geometry holds
     }
     makeLayers() {
-        const over = {depthTest: false, transparent: true};
-        this.points = overlay(three.Points, new three.PointsMaterial({size: 6, sizeAttenuation: false, vertexColors: true, ...over}));
+        const over = {depthTest: false, transparent: true}, dot = new three.CanvasTexture(disc());
+        this.points = overlay(three.Points, new three.PointsMaterial({size: 5 * devicePixelRatio, sizeAttenuation: false, vertexColors: true, map: dot, ...over}));
         this.normals = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0x0b5cad, opacity: 0.8, ...over}));
         this.forces = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0xb3123f, ...over}));
         this.cells = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0x2a7d4f, opacity: 0.35, ...over}));
         this.hand = overlay(three.LineSegments, new three.LineBasicMaterial({vertexColors: true, ...over}));
-        this.tips = overlay(three.Points, new three.PointsMaterial({size: 9, sizeAttenuation: false, vertexColors: true, ...over}));
+        this.tips = overlay(three.Points, new three.PointsMaterial({size: 9 * devicePixelRatio, sizeAttenuation: false, vertexColors: true, map: dot, ...over}));
         this.scene.add(this.points, this.normals, this.forces, this.cells, this.hand, this.tips);
     }
     // What the scales of colours and arrows end at: over the whole run, so that frames can be compared.
@@ -123,9 +131,9 @@ export class View {
     }
     makeLights() {
         const up = this.camera.up.clone(), target = this.controls.target;
-        const sky = new three.HemisphereLight(0xffffff, 0x9a8f88, 1.5);
+        const sky = new three.HemisphereLight(0xffffff, 0x9a8f88, 1.1);
         sky.position.copy(up), this.scene.add(sky);
-        const head = new three.DirectionalLight(0xffffff, 0.9), lamp = new three.DirectionalLight(0xfff4e6, 1.9);
+        const head = new three.DirectionalLight(0xffffff, 0.6), lamp = new three.DirectionalLight(0xfff4e6, 1.5);
         this.camera.add(head), this.scene.add(this.camera);
         const side = this.camera.position.clone().sub(target).normalize().cross(up);
         lamp.position.copy(target).addScaledVector(up, 2 * this.size).addScaledVector(side, this.size * 0.8);
@@ -201,7 +209,7 @@ export class View {
         for (const c of now.contacts) {
             const to = (length, sign = 1) => c.point.map((x, k) => x + sign * c.normal[k] * length);
             point.push(...c.point), normal.push(...c.point, ...to(0.03 * size));
-            colour.push(...(c.distance < 0 ? colourOnScale(scale, -c.distance / limits.depth) : [0.1, 0.25, 0.5]));
+            colour.push(...contactColour(scale, c, limits));
             if (c.push > 0) force.push(...c.point, ...to(0.2 * size * c.push / limits.force));
         }
         setOverlay(this.points, point, colour), setOverlay(this.normals, normal), setOverlay(this.forces, force);
