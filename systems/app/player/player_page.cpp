@@ -14,7 +14,7 @@ constexpr int kLevel = 9;  // of compression: 10 to 12 take ten times as long fo
 
 std::string text_section(const std::string& text) { return "<h2>3D player</h2><p>" + text + "</p>\n"; }
 
-std::string mebibytes(size_t bytes) { return format("%.2f MB", static_cast<double>(bytes) * 1e-6); }
+std::string megabytes(size_t bytes) { return format("%.2f MB", static_cast<double>(bytes) * 1e-6); }
 
 std::string packed(const PlayerRecorder& recorder, const std::string& scene, const Camera& camera) {
     return base64(zlib_compress(recorder.coded(scene, camera), kLevel));
@@ -42,13 +42,13 @@ std::string player_section(PlayerRecorder& recorder, const std::string& scene, c
     std::string recording = packed(recorder, scene, camera);
     while (recording.size() > largest && recorder.halve()) recording = packed(recorder, scene, camera);
     if (recording.size() > largest)
-        return text_section("Left out: one frame alone takes " + mebibytes(recording.size()) + ", more than the " + mebibytes(largest) +
+        return text_section("Left out: one frame alone takes " + megabytes(recording.size()) + ", more than the " + megabytes(largest) +
                             " that a page may hold.");
     const size_t shown = recorder.frames().size(), all = recorder.offered();
-    std::string note = std::to_string(shown) + " frames, " + mebibytes(recording.size()) + " in this page and " +
-                       mebibytes(std::strlen(kPlayerScript)) + " for the player itself (<code>--no-player</code> leaves both out); ";
-    if (shown < all) note += "of " + std::to_string(all) + ", so that it stays below " + mebibytes(largest) + "; ";
-    note += format("positions to %.2g um. ", 0.5e6 * recorder.worst_step());
+    std::string note = std::to_string(shown) + " frames, " + megabytes(recording.size()) + " in this page and " +
+                       megabytes(std::strlen(kPlayerScript)) + " for the player itself; ";
+    if (shown < all) note += "of " + std::to_string(all) + ", so that it stays below " + megabytes(largest) + "; ";
+    note += format("positions are exact to %.2g um. ", 0.5e6 * recorder.worst_step());
     note += "Contacts were found at the start of the pass at whose end the bodies are shown; their forces are means over that pass.";
     return text_section(note) + "<div id=\"player\"><noscript>The player needs JavaScript.</noscript></div>\n" +
            "<details><summary>Licence of three.js</summary><pre>" + escape_html(kPlayerLicences) + "</pre></details>\n" +

@@ -311,7 +311,7 @@ std::vector<uint8_t> PlayerRecorder::coded(const std::string& scene, const Camer
     const auto list = [](const Vec3d& v) { return nlohmann::json{v.x(), v.y(), v.z()}; };
     nlohmann::json header{{"scene", scene}, {"frames", frames_.size()}, {"meshes", mesh_count_}};
     header["point_step"] = kPointStep, header["depth_step"] = kDepthStep, header["force_step"] = kForceStep;
-    header["turn_step"] = kTurnStep, header["cells"] = every_pass_, header["stages"] = stages_;
+    header["turn_step"] = kTurnStep, header["origin"] = list(origin_), header["cells"] = every_pass_, header["stages"] = stages_;
     header["camera"] = {{"orbit", camera.kind == CameraKind::kOrbit},
                         {"target", list(camera.target - origin_)},
                         {"up", list(camera.up)},

@@ -153,5 +153,5 @@ globalThis.trocarPlayer = (host, bytes) => {
     const recording = readRecording(bytes);
     globalThis.trocarRecording = recording;  // for scripts
     if (!document.createElement('canvas').getContext('webgl2')) throw new Error('it has no WebGL 2');
-    return new Player(host, recording);
+    return globalThis.trocarShown = new Player(host, recording);
 };
