@@ -48,7 +48,7 @@ std::string player_section(PlayerRecorder& recorder, const std::string& scene, c
     std::string note = std::to_string(shown) + " frames, " + megabytes(recording.size()) + " in this page and " +
                        megabytes(std::strlen(kPlayerScript)) + " for the player itself; ";
     if (shown < all) note += "of " + std::to_string(all) + ", so that it stays below " + megabytes(largest) + "; ";
-    note += format("positions are exact to %.2g um. ", 0.5e6 * recorder.worst_step());
+    note += format("positions are exact to %.2g um. ", 1e6 * recorder.worst_error());
     note += "Contacts were found at the start of the pass at whose end the bodies are shown; their forces are means over that pass.";
     return text_section(note) + "<div id=\"player\"><noscript>The player needs JavaScript.</noscript></div>\n" +
            "<details><summary>Licence of three.js</summary><pre>" + escape_html(kPlayerLicences) + "</pre></details>\n" +

@@ -20,7 +20,7 @@ int32_t in_steps(double value, double step, int32_t before) {
     return std::isfinite(steps) ? static_cast<int32_t>(std::lround(std::clamp(steps, -kFarthest, kFarthest))) : before;
 }
 
-double step_of(const MeshInfo& info) { return std::max(info.radius, 1e-6) / PlayerRecorder::kStepsPerRadius; }
+double step_of(const MeshInfo& info, bool soft) { return std::max(info.radius, 1e-6) * PlayerRecorder::kError * (soft ? 2 : 0.5); }
 
 void put_vector(std::vector<uint8_t>& out, const Vec3d& v) {
     for (const double x : v) put_float(out, x);
@@ -184,7 +184,8 @@ PlayerRecorder::PlayerRecorder(const Frame& frame, bool every_pass, std::span<co
         const uint32_t mesh = w.bodies.mesh[b];
         const MeshInfo& info = w.meshes.info[mesh];
         coordinates_.push_back(is_deformable(w.bodies, b) ? 3 * info.vertices.count : 7);
-        bodies_.push_back({w.bodies.name[b], mesh, w.bodies.motion[b], info.admission == Admission::kSheet, step_of(info)});
+        bodies_.push_back(
+            {w.bodies.name[b], mesh, w.bodies.motion[b], info.admission == Admission::kSheet, step_of(info, is_deformable(w.bodies, b))});
         has_rigid[mesh] |= !is_deformable(w.bodies, b);
     }
     last_.assign(std::accumulate(coordinates_.begin(), coordinates_.end(), size_t{0}), 0);
@@ -192,7 +193,7 @@ PlayerRecorder::PlayerRecorder(const Frame& frame, bool every_pass, std::span<co
     for (uint32_t m = 0; m < mesh_count_; ++m) {
         const MeshInfo& info = w.meshes.info[m];
         put_number(meshes_, info.vertices.count), put_number(meshes_, has_rigid[m]);
-        const double step = step_of(info);
+        const double step = step_of(info, false);
         put_double(meshes_, step), put_float(meshes_, opacity_of(w.meshes, m));
         std::array<int32_t, 3> before{};
         for (uint32_t v = info.vertices.first; has_rigid[m] && v < info.vertices.end(); ++v) {
@@ -300,10 +301,10 @@ bool PlayerRecorder::halve() {
     return frames_.size() < before;
 }
 
-double PlayerRecorder::worst_step() const {
+double PlayerRecorder::worst_error() const {
     double worst = 0;
     for (const Body& body : bodies_)
-        if (body.motion != Motion::kStatic) worst = std::max(worst, body.step);
+        if (body.motion != Motion::kStatic) worst = std::max(worst, body.step * (body.motion == Motion::kDeformable ? 0.5 : 2));
     return worst;
 }
 

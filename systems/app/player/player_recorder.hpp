@@ -26,8 +26,9 @@ class PlayerRecorder {
  public:
     static constexpr size_t kMostBytes = size_t{24} << 20;
     static constexpr size_t kMostContacts = 1000, kMostCells = 4000;  // per frame: the deepest, the first
-    // Bodies are stored in steps of this part of their radius (floats of 24 bits know about 1e-7 of it).
-    static constexpr double kStepsPerRadius = 16384;
+    // Every vertex is shown to this part of its body's radius: soft bodies are stored in steps of twice that, rigid ones, whose
+    // place, turn and shape are rounded, in steps of half of it.
+    static constexpr double kError = 1.0 / (1 << 15);
     static constexpr double kTurnStep = 1.0 / (1 << 18);  // of a quaternion's components
     static constexpr double kPointStep = 1e-6;            // m, of contact points
     static constexpr double kDepthStep = 1e-8;            // m, of contact distances
@@ -45,7 +46,7 @@ class PlayerRecorder {
     const std::vector<PlayerFrame>& frames() const { return frames_; }
     size_t bytes() const { return bytes_; }        // of all frames
     uint64_t offered() const { return offered_; }  // frames, kept or not
-    double worst_step() const;                     // m, largest step of a moving body
+    double worst_error() const;                    // m, of a moving body's vertex
 
  private:
     struct Body {
