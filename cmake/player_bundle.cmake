@@ -13,9 +13,11 @@ else()
   execute_process(COMMAND ${CMAKE_COMMAND} -E compare_files ${SOURCE}/package-lock.json ${folder}/loaded.json
                   RESULT_VARIABLE differs OUTPUT_QUIET ERROR_QUIET)
   if(differs)
-    execute_process(COMMAND ${NPM} ci --ignore-scripts --no-audit --no-fund --prefer-offline --fetch-retries=1 --fetch-timeout=20000
+    execute_process(COMMAND ${NPM} ci --ignore-scripts --no-audit --no-fund --prefer-offline --fetch-retries=1
+                            --fetch-retry-mintimeout=1000 --fetch-timeout=20000
                     WORKING_DIRECTORY ${folder} TIMEOUT 300 RESULT_VARIABLE failed OUTPUT_VARIABLE text ERROR_VARIABLE text)
     if(failed)
+      string(SUBSTRING "${text}" 0 300 text)
       set(reason "npm could not load its packages:\n${text}")
     else()
       configure_file(${SOURCE}/package-lock.json ${folder}/loaded.json COPYONLY)

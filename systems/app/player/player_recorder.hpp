@@ -30,7 +30,7 @@ class PlayerRecorder {
     // place, turn and shape are rounded, in steps of half of it.
     static constexpr double kError = 1.0 / (1 << 15);
     static constexpr double kTurnStep = 1.0 / (1 << 18);  // of a quaternion's components
-    static constexpr double kPointStep = 1e-6;            // m, of contact points
+    static constexpr double kPointStep = 1e-5;            // m, of contact points
     static constexpr double kDepthStep = 1e-8;            // m, of contact distances
     static constexpr double kForceStep = 1e-5;            // N
 
