@@ -66,7 +66,6 @@ class Reading {
     }
     double real() { return bits<float, uint32_t>(); }
     double long_real() { return bits<double, uint64_t>(); }
-    uint8_t byte() { return bytes_.at(at_++); }
     std::string text(size_t length) {
         const auto from = bytes_.begin() + static_cast<ptrdiff_t>(at_);
         at_ += length;
@@ -88,18 +87,32 @@ class Reading {
 void decode_contacts(Reading& r, const nlohmann::json& header, Decoded::Moment& m) {
     m.contacts_found = r.number();
     m.contact.resize(r.number());
-    Vec3d place = Vec3d::Zero();
-    for (Decoded::Contact& c : m.contact) {
-        c.body = r.number(), c.other = r.number(), c.vertex = r.number(), r.number(), r.number();
-        for (int k = 0; k < 3; ++k) place[k] += r.signed_number();
-        c.point = place * header["point_step"].get<double>();
-        for (int k = 0; k < 3; ++k) c.normal[k] = static_cast<int8_t>(r.byte()) / 127.0;
-        c.distance = r.signed_number() * header["depth_step"].get<double>();
-        c.constrained = r.number() == 1;
-        if (!c.constrained) continue;
-        c.push = r.signed_number() * header["force_step"].get<double>();
-        c.friction = r.signed_number() * header["force_step"].get<double>();
-    }
+    const auto column = [&](const auto& put) {
+        double value = 0;
+        for (Decoded::Contact& c : m.contact) put(c, value += r.signed_number());
+    };
+    column([](Decoded::Contact& c, double v) { c.body = static_cast<uint64_t>(v); });
+    column([](Decoded::Contact& c, double v) { c.other = static_cast<uint64_t>(v); });
+    column([](Decoded::Contact& c, double v) { c.vertex = static_cast<uint64_t>(v); });
+    for (int skipped = 0; skipped < 2; ++skipped) column([](Decoded::Contact&, double) {});
+    for (int k = 0; k < 3; ++k) column([&](Decoded::Contact& c, double v) { c.point[k] = v * header["point_step"].get<double>(); });
+    for (int k = 0; k < 3; ++k) column([&](Decoded::Contact& c, double v) { c.normal[k] = v / 127; });
+    column([&](Decoded::Contact& c, double v) { c.distance = v * header["depth_step"].get<double>(); });
+    column([&](Decoded::Contact& c, double v) { c.constrained = v == 1; });
+    column([&](Decoded::Contact& c, double v) { c.push = v * header["force_step"].get<double>(); });
+    column([&](Decoded::Contact& c, double v) { c.friction = v * header["force_step"].get<double>(); });
+}
+
+void decode_findings(Reading& r, const nlohmann::json& header, Decoded::Moment& m) {
+    for (uint64_t stages = r.number(); stages > 0; --stages) m.stages_us += static_cast<double>(r.number());
+    for (uint64_t pairs = 4 * r.number(); pairs > 0; --pairs) r.number();
+    decode_contacts(r, header, m);
+    for (uint64_t tools = 9 * r.number(); tools > 0; --tools) r.real();
+    if (!header["cells"]) return;
+    m.cells = r.number();
+    const uint64_t kept = r.number();
+    for (int i = 0; i < 4; ++i) r.real();
+    for (uint64_t i = 0; i < 3 * kept; ++i) r.number();
 }
 
 Decoded decode(const std::vector<uint8_t>& bytes) {
@@ -132,19 +145,9 @@ Decoded decode(const std::vector<uint8_t>& bytes) {
                     r.signed_number() * (i < 3 || body["soft"] ? body["step"].get<double>() : d.header["turn_step"].get<double>());
         }
         for (uint64_t body; (body = r.number()) > 0;) m.corners[body - 1] = r.corners();
-        m.stages_us = 0;
-        for (uint64_t stages = r.number(); stages > 0; --stages) m.stages_us += static_cast<double>(r.number());
-        for (uint64_t pairs = r.number(); pairs > 0; --pairs) r.number(), r.number(), r.number(), r.number();
-        decode_contacts(r, d.header, m);
-        for (uint64_t tools = 9 * r.number(); tools > 0; --tools) r.real();
-        if (d.header["cells"]) {
-            m.cells = r.number();
-            const uint64_t kept = r.number();
-            for (int i = 0; i < 4; ++i) r.real();
-            for (uint64_t i = 0; i < 3 * kept; ++i) r.number();
-        }
         d.moment.push_back(m);
     }
+    for (Decoded::Moment& m : d.moment) decode_findings(r, d.header, m);
     EXPECT_TRUE(r.at_end());
     return d;
 }

@@ -181,12 +181,13 @@ async function main() {
         expect(errors.length === 0, `nothing is wrong in the console ${errors.map(e => JSON.stringify(e.params)).join('\n')}`);
     } finally {
         const ended = new Promise(done => browser.process.once('exit', done));
-        browser.process.kill(), await ended;
+        browser.session = undefined, browser.send('Browser.close');
+        await ended;
     }
     return failures > 0 ? 1 : 0;
 }
 
 main().catch(error => { console.log(error); return 1; }).then(code => {
-    rmSync(folder, {recursive: true, force: true, maxRetries: 5});
+    rmSync(folder, {recursive: true, force: true, maxRetries: 20, retryDelay: 100});
     process.exit(code);
 });

@@ -31,8 +31,9 @@ class PlayerRecorder {
     static constexpr double kError = 1.0 / (1 << 15);
     static constexpr double kTurnStep = 1.0 / (1 << 18);  // of a quaternion's components
     static constexpr double kPointStep = 1e-5;            // m, of contact points
-    static constexpr double kDepthStep = 1e-8;            // m, of contact distances
-    static constexpr double kForceStep = 1e-5;            // N
+    static constexpr double kNormalStep = 1.0 / 127;
+    static constexpr double kDepthStep = 1e-8;  // m, of contact distances
+    static constexpr double kForceStep = 1e-5;  // N
 
     // Records the present state, which `stage_ns` led to. `every_pass`: not only displayed ones, and with the cells of the grid.
     explicit PlayerRecorder(const Frame& frame, bool every_pass = false, std::span<const uint64_t> stage_ns = {},

@@ -20,7 +20,6 @@ class Reader {
     float() { return this.view.getFloat32((this.at += 4) - 4, true); }
     double() { return this.view.getFloat64((this.at += 8) - 8, true); }
     vector() { return [this.float(), this.float(), this.float()]; }
-    byte() { return this.view.getInt8(this.at++); }
     text(length) { return new TextDecoder().decode(this.bytes.subarray(this.at, this.at += length)); }
     times(count, read) { return Array.from({length: count}, read); }
 }
@@ -58,17 +57,19 @@ function readMoves(r, header, meshes, before) {
     });
 }
 
-function readContact(r, header, place) {
-    const c = {body: r.number(), other: r.number(), vertices: [r.number(), r.number()]};
-    const third = r.number();
-    if (third > 0) c.vertices.push(third - 1);
-    c.point = place.map((_, k) => (place[k] += r.signed()) * header.point_step);
-    c.normal = [r.byte() / 127, r.byte() / 127, r.byte() / 127];
-    c.distance = r.signed() * header.depth_step;
-    c.constrained = r.number() === 1;
-    c.push = c.constrained ? r.signed() * header.force_step : 0;
-    c.friction = c.constrained ? r.signed() * header.force_step : 0;
-    return c;
+// Column by column; each number is a step from the one above.
+function readContacts(r, header) {
+    const count = r.number();
+    const column = () => { let value = 0; return r.times(count, () => value += r.signed()); };
+    const body = column(), other = column(), first = column(), second = column(), third = column();
+    const point = [column(), column(), column()], normal = [column(), column(), column()];
+    const distance = column(), constrained = column(), push = column(), friction = column();
+    return body.map((_, i) => ({
+        body: body[i], other: other[i], vertices: [first[i], first[i] + second[i], ...(third[i] > 0 ? [third[i] - 1] : [])],
+        point: point.map(x => x[i] * header.point_step), normal: normal.map(x => x[i] * header.normal_step),
+        distance: distance[i] * header.depth_step, constrained: constrained[i] === 1,
+        push: push[i] * header.force_step, friction: friction[i] * header.force_step,
+    }));
 }
 
 function readFrame(r, header, meshes, before) {
@@ -76,19 +77,20 @@ function readFrame(r, header, meshes, before) {
     frame.bodies = readMoves(r, header, meshes, before && before.bodies);
     frame.surfaces = new Map(before ? before.surfaces : []);  // of torn bodies, instead of their meshes'
     for (let body; (body = r.number()) > 0;) frame.surfaces.set(body - 1, readTriangles(r));
+    return frame;
+}
+
+function readFindings(r, header, frame) {
     frame.stages = r.times(r.number(), () => r.number() * 1e-3);  // ms
     frame.pairs = r.times(r.number(), () => ({a: r.number(), b: r.number(), vertices: r.number(), ms: r.number() * 1e-3}));
     frame.contactsFound = r.number();
-    const place = [0, 0, 0];
-    frame.contacts = r.times(r.number(), () => readContact(r, header, place));
+    frame.contacts = readContacts(r, header);
     frame.tools = r.times(r.number(), () => ({device: r.vector(), proxy: r.vector(), force: r.vector()}));
-    if (header.cells) {
-        frame.cellsFound = r.number();
-        const count = r.number();
-        frame.cellSize = r.float(), frame.cellOrigin = r.vector();
-        frame.cells = r.times(count, () => [r.number(), r.number(), r.number()]);
-    }
-    return frame;
+    if (!header.cells) return;
+    frame.cellsFound = r.number();
+    const count = r.number();
+    frame.cellSize = r.float(), frame.cellOrigin = r.vector();
+    frame.cells = r.times(count, () => [r.number(), r.number(), r.number()]);
 }
 
 export function readRecording(bytes) {
@@ -97,6 +99,7 @@ export function readRecording(bytes) {
     const meshes = r.times(header.meshes, () => readMesh(r));
     const frames = [];
     for (let i = 0; i < header.frames; ++i) frames.push(readFrame(r, header, meshes, frames[i - 1]));
+    for (const frame of frames) readFindings(r, header, frame);
     return {header, meshes, frames};
 }
 
