@@ -33,6 +33,7 @@ struct Decoded {
         std::vector<uint64_t> state;
         std::vector<std::vector<uint64_t>> corners;  // per body
         std::vector<Contact> contact;
+        std::vector<std::array<Vec3d, 2>> link;
         uint64_t contacts_found = 0, cells = 0;
         double stages_us = 0;
     };
@@ -108,6 +109,11 @@ void decode_findings(Reading& r, const nlohmann::json& header, Decoded::Moment& 
     for (uint64_t pairs = 4 * r.number(); pairs > 0; --pairs) r.number();
     decode_contacts(r, header, m);
     for (uint64_t tools = 9 * r.number(); tools > 0; --tools) r.real();
+    for (uint64_t links = r.number(); links > 0; --links) {
+        m.link.emplace_back();
+        for (Vec3d& end : m.link.back())
+            for (double& x : end) x = r.real();
+    }
     if (!header["cells"]) return;
     m.cells = r.number();
     const uint64_t kept = r.number();
@@ -325,6 +331,42 @@ TEST(Player, ShowsWhatCutsRemove) {
         check();
         while (recorder.halve()) check();
         EXPECT_EQ(recorder.frames().size(), 2u);
+    });
+}
+
+// Two soft balls and a moving rod, linked: the drawn ends are the linked vertices, and the point carried by the rod.
+TEST(Player, ShowsLinks) {
+    const std::string ball = "shape = \"sphere\"\nsize = 0.1\ntriangles = 300\nmotion = \"deformable\"\nanchor = \"shape\"\n";
+    const WrittenScene scene(
+        "player_links", "gravity = [0.0, 0.0, 0.0]\n[[body]]\nname = \"a\"\n" + ball + "[[body]]\nname = \"b\"\n" + ball +
+                            "position = [0.0, 0.0, 0.102]\n[[body]]\nname = \"rod\"\nshape = \"sphere\"\nsize = 0.02\ntriangles = 100\n"
+                            "motion = \"kinematic\"\n[[body.path]]\ntime = 0.0\nposition = [0.0, 0.0, 0.165]\n[[body.path]]\ntime = 1.0\n"
+                            "position = [0.0, 0.05, 0.18]\n[[link]]\nbody = \"a\"\nto = \"b\"\nwithin = 0.01\n[[link]]\nbody = \"b\"\n"
+                            "to = \"rod\"\nwithin = 0.02\n");
+    ThreadPool pool(1);
+    pool.run([&] {
+        Frame frame(scene.build({}).world, {});
+        PlayerRecorder recorder(frame, true);
+        for (int i = 0; i < 20; ++i) frame.step(), recorder.after_pass(frame, frame.times().stage_ns);
+        const World& w = frame.world();
+        const Surfaces s = surfaces_of(w);
+        const Decoded d = decode(recorder.coded("links", {}));
+        const auto& shown = d.moment.back().link;
+        EXPECT_TRUE(d.header["links"]);
+        const Vec3d origin(d.header["origin"][0], d.header["origin"][1], d.header["origin"][2]);
+        size_t at = 0;
+        for (const LinkGroup& g : w.links.group) {
+            EXPECT_GT(g.links.count, 0u) << g.name;
+            for (uint32_t i = g.links.first; i < g.links.end(); ++i, ++at) {
+                ASSERT_LT(at, shown.size());
+                const Vec3d far = is_deformable(w.bodies, g.holder) ? vertex_position(s, g.holder, w.links.far_node[i])
+                                                                    : frame_to_world(s, g.holder, w.links.point[i]);
+                EXPECT_LT((shown[at][0] + origin - vertex_position(s, g.body, w.links.node[i])).norm(), 1e-7);
+                EXPECT_LT((shown[at][1] + origin - far).norm(), 1e-7);
+            }
+        }
+        EXPECT_EQ(at, shown.size());
+        EXPECT_GE(w.links.group.size(), 2u);
     });
 }
 

@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "engine/draw/depth_colours.hpp"
+#include "engine/tissue/embedded_surface.hpp"
 #include "systems/app/player/player_code.hpp"
 #include "systems/app/report/run_costs.hpp"
 #include "systems/prepare/sleep.hpp"
@@ -186,6 +187,28 @@ void put_tools(std::vector<uint8_t>& out, const Haptics& haptics, const Vec3d& o
     }
 }
 
+// World position of a node that links hold: nodes follow the vertices of an embedded surface.
+Vec3d node_position(const World& w, uint32_t body, uint32_t node) {
+    const Float4& o = w.particles.offset[w.bodies.particles[body].first + embedded_count(w.solids, w.bodies.mesh[body]) + node];
+    return w.poses.origin[body] + Vec3d(o.x, o.y, o.z);
+}
+
+void put_links(std::vector<uint8_t>& out, const World& w, const Vec3d& origin) {
+    std::vector<std::array<Vec3d, 2>> ends;
+    for (const LinkGroup& g : w.links.group) {
+        if (g.body == kNone) continue;
+        for (uint32_t i = g.links.first; i < g.links.end() && ends.size() < PlayerRecorder::kMostLinks; ++i) {
+            if (!w.links.whole[i]) continue;
+            ends.push_back({node_position(w, g.body, w.links.node[i]), w.links.far_node[i] != kNone
+                                                                           ? node_position(w, g.holder, w.links.far_node[i])
+                                                                           : frame_to_world(surfaces_of(w), g.holder, w.links.point[i])});
+        }
+    }
+    put_number(out, ends.size());
+    for (const auto& pair : ends)
+        for (const Vec3d& end : pair) put_vector(out, end - origin);
+}
+
 void put_cells(std::vector<uint8_t>& out, const Occupancy& cells, const Vec3d& origin) {
     const size_t kept = std::min(cells.cell_key.size(), PlayerRecorder::kMostCells);
     put_number(out, cells.cell_key.size()), put_number(out, kept);
@@ -198,6 +221,7 @@ void put_cells(std::vector<uint8_t>& out, const Occupancy& cells, const Vec3d& o
 
 PlayerRecorder::PlayerRecorder(const Frame& frame, bool every_pass, std::span<const uint64_t> stage_ns, size_t most_bytes)
     : every_pass_(every_pass),
+      has_links_(!frame.world().links.group.empty()),
       most_bytes_(most_bytes),
       stages_(frame.stage_names()),
       tools_(frame.world().haptics.tool),
@@ -247,6 +271,7 @@ void PlayerRecorder::record(const Frame& frame, std::span<const uint64_t> stage_
     put_costs(out.findings, frame, stage_ns);
     put_contacts(out.findings, w, origin_);
     put_tools(out.findings, w.haptics, origin_);
+    put_links(out.findings, w, origin_);
     if (every_pass_) put_cells(out.findings, w.occupancy, origin_);
     bytes_ += out.bytes();
     frames_.push_back(std::move(out));
@@ -340,7 +365,7 @@ std::vector<uint8_t> PlayerRecorder::coded(const std::string& scene, const Camer
     nlohmann::json header{{"scene", scene}, {"frames", frames_.size()}, {"meshes", mesh_count_}};
     header["point_step"] = kPointStep, header["depth_step"] = kDepthStep, header["force_step"] = kForceStep;
     header["turn_step"] = kTurnStep, header["normal_step"] = kNormalStep, header["origin"] = list(origin_), header["cells"] = every_pass_,
-    header["stages"] = stages_;
+    header["links"] = has_links_, header["stages"] = stages_;
     header["camera"] = {{"orbit", camera.kind == CameraKind::kOrbit},
                         {"target", list(camera.target - origin_)},
                         {"up", list(camera.up)},

@@ -25,7 +25,7 @@ enum class PlayerState : uint32_t { kAway, kAwake, kAsleep, kInIsland };
 class PlayerRecorder {
  public:
     static constexpr size_t kMostBytes = size_t{24} << 20;
-    static constexpr size_t kMostContacts = 1000, kMostCells = 4000;  // per frame: the deepest, the first
+    static constexpr size_t kMostContacts = 1000, kMostLinks = 1000, kMostCells = 4000;  // per frame: the deepest, the first
     // Every vertex is shown to this part of its body's radius: soft bodies are stored in steps of twice that, rigid ones, whose
     // place, turn and shape are rounded, in steps of half of it.
     static constexpr double kError = 1.0 / (1 << 15);
@@ -62,7 +62,7 @@ class PlayerRecorder {
     void add_surfaces(const World& world, PlayerFrame& out);
     void join_some();
     bool join_at(size_t index);
-    bool every_pass_, is_joining_ = false;
+    bool every_pass_, has_links_ = false, is_joining_ = false;
     size_t most_bytes_, bytes_ = 0, joining_ = 0;
     uint64_t offered_ = 1, stride_ = 1;
     std::vector<std::string> stages_;

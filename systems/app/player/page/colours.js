@@ -23,13 +23,11 @@ export function colourOnScale(scale, share) {
     return scale[low].map((x, k) => x + (scale[high][k] - x) * (at - low));
 }
 
-// Bodies of runs that draw no pictures have no looks: they are told apart by what they are.
-const plainColour = [0.8, 0.8, 0.8].map(x => Math.round(255 * new Color(x, x, x).convertLinearToSRGB().r));
+// Runs without pictures paint no bodies: these are white, or as grey as what has no material, and told apart by what they are.
+const unpainted = [255, 231];
 const softs = [[0.45, 0.11, 0.08], [0.55, 0.27, 0.2], [0.5, 0.36, 0.12], [0.35, 0.12, 0.22]], steel = [0.4, 0.43, 0.47], floor = [0.5, 0.45, 0.36];
 
-function isPlain(colours) {
-    return colours.every((x, i) => x === plainColour[i % 3]);
-}
+const isPlain = colours => unpainted.some(grey => colours.every(x => x === grey));
 
 // Linear colours of a mesh's vertices; null if the file gave none.
 export function ownColours({colours}) {

@@ -86,6 +86,7 @@ function readFindings(r, header, frame) {
     frame.contactsFound = r.number();
     frame.contacts = readContacts(r, header);
     frame.tools = r.times(r.number(), () => ({device: r.vector(), proxy: r.vector(), force: r.vector()}));
+    frame.links = r.times(r.number(), () => [r.vector(), r.vector()]);
     if (!header.cells) return;
     frame.cellsFound = r.number();
     const count = r.number();

@@ -45,6 +45,7 @@ export function frameFacts({header}, frame) {
     islands.delete(-1);
     const kept = frame.contacts.length < frame.contactsFound ? `${frame.contactsFound}, the deepest ${frame.contacts.length} drawn` : frame.contactsFound;
     const rows = [['contacts', kept], ['deepest', deepest > 0 ? mm(deepest) : 'none'], ['islands', islands.size]];
+    if (header.links) rows.push(['links', frame.links.length]);
     if (frame.cells) rows.push(['cells', frame.cells.length < frame.cellsFound ? `${frame.cellsFound}, ${frame.cells.length} drawn` : frame.cellsFound]);
     frame.tools.forEach((t, i) => rows.push([`hand at ${header.bodies[header.tools[i].body].name}`, newton(Math.hypot(...t.force))]));
     const parts = [heading(`Pass ${frame.pass}`), table(rows)];

@@ -20,7 +20,7 @@ const style = `
 #player .hint{color:#667085}
 @media(max-width:820px){#player{grid-template-columns:1fr}#player .facts3d{border-left:0;border-top:1px solid #e3e6ea;max-height:240px}}`;
 
-const layerNames = {contacts: 'contacts', normals: 'normals', forces: 'contact forces', tools: 'tools and their forces', wireframe: 'wireframe',
+const layerNames = {contacts: 'contacts', normals: 'normals', forces: 'contact forces', tools: 'tools and their forces', links: 'links', wireframe: 'wireframe',
                     seeThrough: 'see-through', cells: 'cells of the grid'};
 
 function element(name, properties = {}, ...children) {
@@ -62,8 +62,9 @@ class Player {
         const row = element('div', {className: 'bar'}, element('label', {}, 'colour by ', mode), this.legend = element('span', {className: 'legend'}));
         for (const [layer, text] of Object.entries(layerNames)) {
             if (layer === 'cells' && !this.recording.header.cells) continue;
+            if (layer === 'links' && !this.recording.header.links) continue;
             if (layer === 'tools' && this.recording.header.tools.length === 0) continue;
-            const box = element('input', {type: 'checkbox', checked: layer === 'contacts' || layer === 'tools'});
+            const box = element('input', {type: 'checkbox', checked: ['contacts', 'tools', 'links'].includes(layer)});
             box.onchange = () => { this.view.layers[layer] = box.checked, this.show(this.at); };
             row.append(element('label', {}, box, ' ' + text));
         }

@@ -53,7 +53,7 @@ function setOverlay(drawn, position, colour) {
 export class View {
     constructor(canvas, recording) {
         this.recording = recording, this.canvas = canvas, this.frame = 0, this.selected = null;
-        this.layers = {contacts: true, normals: false, forces: false, tools: true, cells: false, wireframe: false, seeThrough: false};
+        this.layers = {contacts: true, normals: false, forces: false, tools: true, links: true, cells: false, wireframe: false, seeThrough: false};
         this.mode = 'material';
         this.renderer = new three.WebGLRenderer({canvas, antialias: true});
         this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
@@ -93,9 +93,10 @@ export class View {
         this.normals = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0x0b5cad, opacity: 0.8, ...over}));
         this.forces = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0xb3123f, ...over}));
         this.cells = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0x2a7d4f, opacity: 0.35, ...over}));
+        this.links = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0x6b2fa0, ...over}));
         this.hand = overlay(three.LineSegments, new three.LineBasicMaterial({vertexColors: true, ...over}));
         this.tips = overlay(three.Points, new three.PointsMaterial({size: 9 * devicePixelRatio, sizeAttenuation: false, vertexColors: true, map: dot, ...over}));
-        this.scene.add(this.points, this.normals, this.forces, this.cells, this.hand, this.tips);
+        this.scene.add(this.points, this.normals, this.forces, this.links, this.cells, this.hand, this.tips);
     }
     // What the scales of colours and arrows end at: over the whole run, so that frames can be compared.
     findLimits() {
@@ -214,10 +215,11 @@ export class View {
         }
         setOverlay(this.points, point, colour), setOverlay(this.normals, normal), setOverlay(this.forces, force);
         this.showTools(now, size);
+        setOverlay(this.links, now.links.flat(2));
         if (now.cells) setOverlay(this.cells, now.cells.flatMap(cell => cellEdges(cell, now)));
         const {layers} = this;
         this.points.visible = layers.contacts, this.normals.visible = layers.normals, this.forces.visible = layers.forces;
-        this.cells.visible = layers.cells, this.hand.visible = this.tips.visible = layers.tools;
+        this.cells.visible = layers.cells, this.links.visible = layers.links, this.hand.visible = this.tips.visible = layers.tools;
     }
     showTools(now, size) {
         const line = [], lineColour = [], tip = [], tipColour = [], green = [0.02, 0.5, 0.15], red = [0.7, 0.05, 0.05];
