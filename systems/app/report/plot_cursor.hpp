@@ -27,14 +27,20 @@ for (const svg of document.querySelectorAll('svg[data-plot]')) {
     const valueY = y => y0 + (bottom - y) / (bottom - top) * (y1 - y0);
     const timeAt = x => eventTimes ? eventTimes[Math.min(eventTimes.length, Math.max(1, Math.round(valueX(x)))) - 1] : 'time' in svg.dataset ? valueX(x) : null;
     const cursor = verticalLine(svg, 'cursor', top, bottom), shown = verticalLine(svg, 'shown', top, bottom);
-    const placeOf = e => (e.clientX - svg.getBoundingClientRect().left) / svg.getBoundingClientRect().width * width;
+    const placeOf = e => { const box = svg.getBoundingClientRect(); return [e.clientX - box.left, e.clientY - box.top].map(p => p / box.width * width); };
+    // The point of a curve that a click is close to, such as a peak; else the place itself.
+    const meantBy = (x, y) => lines.flatMap(l => l.points).reduce((best, p) => {
+        const away = Math.hypot(p[0] - x, p[1] - y);
+        return away < best.away ? {away, x: p[0]} : best;
+    }, {away: 8, x}).x;
     const hide = () => { tip.style.display = cursor.style.display = 'none'; };
     svg.addEventListener('pointerleave', hide);
     svg.addEventListener('pointermove', e => {
-        const x = placeOf(e);
+        const [x] = placeOf(e);
         if (x < left || x > right) return hide();
         put(cursor, x);
-        tip.replaceChildren(`${over.split(',')[0]}: ${short(valueX(x))}${eventTimes ? `, at ${short(timeAt(x))} s` : ''}`);
+        const [name, unitX = ''] = over.split(', ');
+        tip.replaceChildren(`${name}: ${short(valueX(x))} ${unitX.length < 8 ? unitX : ''}${eventTimes ? `, at ${short(timeAt(x))} s` : ''}`);
         for (const {name, colour, points} of lines) {
             const row = document.createElement('div');
             row.style.color = colour, row.textContent = `${name}: ${short(valueY(nearest(points, x)[1]))} ${unit}`;
@@ -45,7 +51,7 @@ for (const svg of document.querySelectorAll('svg[data-plot]')) {
     });
     if (timeAt(left) === null) continue;
     svg.classList.add('timed');
-    svg.addEventListener('click', e => { const x = placeOf(e); if (x >= left && x <= right) goTo(timeAt(x)); });
+    svg.addEventListener('click', e => { const [x, y] = placeOf(e); if (x >= left && x <= right) goTo(timeAt(meantBy(x, y))); });
     document.addEventListener('trocar-shown', e => {
         const after = eventTimes ? eventTimes.findIndex(t => t >= e.detail) : 0;
         const v = eventTimes ? (after < 0 ? eventTimes.length : after + 1) : e.detail;

@@ -5,7 +5,8 @@ import {pose, softPositions} from './data.js';
 import {Surface} from './surface.js';
 import {contactColour, ownColours, painter} from './colours.js';
 
-const clickRadius = 7;  // pixels, around a contact
+const clickRadius = 7;       // pixels, around a contact
+const mostWithShadows = 500;  // bodies: shadows draw each once more
 
 // Box of what the camera should show: what forces move, else what moves, else everything.
 function boxToFit(view) {
@@ -57,7 +58,7 @@ export class View {
         this.mode = 'material';
         this.renderer = new three.WebGLRenderer({canvas, antialias: true});
         this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
-        this.renderer.shadowMap.enabled = true;
+        this.renderer.shadowMap.enabled = recording.header.bodies.length <= mostWithShadows;
         this.scene = new three.Scene();
         this.scene.background = new three.Color(0xe9edf2);
         this.camera = new three.PerspectiveCamera();
