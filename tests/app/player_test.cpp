@@ -35,7 +35,7 @@ struct Decoded {
         std::vector<Contact> contact;
         std::vector<std::array<Vec3d, 2>> link;
         uint64_t contacts_found = 0, cells = 0;
-        double stages_us = 0;
+        double stages_us = 0, cost_us = 0;
     };
     nlohmann::json header;
     std::vector<uint64_t> vertices;  // per mesh
@@ -105,6 +105,7 @@ void decode_contacts(Reading& r, const nlohmann::json& header, Decoded::Moment& 
 }
 
 void decode_findings(Reading& r, const nlohmann::json& header, Decoded::Moment& m) {
+    r.number();  // bytes
     for (uint64_t stages = r.number(); stages > 0; --stages) m.stages_us += static_cast<double>(r.number());
     for (uint64_t pairs = 4 * r.number(); pairs > 0; --pairs) r.number();
     decode_contacts(r, header, m);
@@ -139,7 +140,7 @@ Decoded decode(const std::vector<uint8_t>& bytes) {
     }
     for (size_t f = 0; f < d.header["frames"]; ++f) {
         Decoded::Moment m = f > 0 ? d.moment.back() : Decoded::Moment{};
-        m.time = r.long_real(), m.pass = r.number();
+        m.time = r.long_real(), m.pass = r.number(), m.cost_us = static_cast<double>(r.number());
         m.at.resize(d.header["bodies"].size()), m.state.resize(m.at.size()), m.corners.resize(m.at.size());
         for (size_t b = 0; b < m.at.size(); ++b) {
             const nlohmann::json& body = d.header["bodies"][b];
@@ -286,6 +287,14 @@ TEST(Player, ShowsContactsAndTheirForces) {
         EXPECT_EQ(m.contacts_found, w.contacts.body.size());
         EXPECT_EQ(m.cells, w.occupancy.cell_key.size());
         EXPECT_GT(m.stages_us, 0);
+        double deepest = 0, pushed_most = 0;
+        for (const Decoded::Moment& any : d.moment) {
+            EXPECT_NEAR(any.stages_us, any.cost_us, 60) << "each stage is cut to whole microseconds";
+            for (const Decoded::Contact& c : any.contact)
+                deepest = std::max(deepest, -c.distance), pushed_most = std::max(pushed_most, c.push);
+        }
+        EXPECT_NEAR(d.header["limits"]["depth"], std::max(deepest, 1e-6), 1e-8);
+        EXPECT_NEAR(d.header["limits"]["push"], pushed_most, 1e-5);
         const Vec3d origin(d.header["origin"][0], d.header["origin"][1], d.header["origin"][2]);
         double pushed = 0, expected = 0;
         for (size_t i = 0; i < m.contact.size(); ++i) {

@@ -220,7 +220,7 @@ int capture_export_command(const CaptureExportOptions& options) {
         throw InputError("capture export: choose an output: --vtp FOLDER, --png FOLDER, --trace FILE, --csv FILE or --html FILE");
     if (options.per_body && options.vtp.empty()) throw InputError("capture export: --per-body needs --vtp FOLDER");
     refuse_same(options.csv, options.file), refuse_same(options.trace, options.file), refuse_same(options.csv, options.trace);
-    for (const auto& other : {options.csv, options.trace, std::filesystem::path(options.file)}) refuse_same(options.html, other);
+    for (const std::filesystem::path& other : {options.csv, options.trace, std::filesystem::path(options.file)}) refuse_same(options.html, other);
     if (!options.csv.empty()) write_whole_file(options.csv, capture_csv(capture));
     if (!options.trace.empty()) write_whole_file(options.trace, capture_trace(capture));
     set_offscreen_threads(0);

@@ -115,7 +115,7 @@ const char* kind_of(Motion motion) {
     return "";
 }
 
-void put_costs(std::vector<uint8_t>& out, const Frame& frame, std::span<const uint64_t> stage_ns) {
+void put_costs(std::vector<uint8_t>& out, const Frame& frame, std::span<const uint64_t> stage_ns, PlayerLimits& limits) {
     put_number(out, stage_ns.size());
     for (const uint64_t ns : stage_ns) put_number(out, ns / 1000);
     uint64_t detection = 0;
@@ -127,6 +127,7 @@ void put_costs(std::vector<uint8_t>& out, const Frame& frame, std::span<const ui
     for (const PairCost& p : pairs) {
         put_number(out, p.a), put_number(out, p.b), put_number(out, p.vertices);
         put_number(out, static_cast<uint64_t>(1e-3 * p.share * static_cast<double>(detection)));
+        limits.pair = std::max(limits.pair, 1e-6 * p.share * static_cast<double>(detection));
     }
 }
 
@@ -143,13 +144,14 @@ std::vector<uint32_t> kept_contacts(const Contacts& c) {
     return rows;
 }
 
-void put_contacts(std::vector<uint8_t>& out, const World& w, const Vec3d& origin) {
+void put_contacts(std::vector<uint8_t>& out, const World& w, const Vec3d& origin, PlayerLimits& limits) {
     const Contacts& c = w.contacts;
     std::vector<uint32_t> constraint(c.body.size(), kNone);
     for (uint32_t i = 0; i < w.contact_constraints.contact.size(); ++i)
         if (w.contact_constraints.contact[i] < constraint.size()) constraint[w.contact_constraints.contact[i]] = i;
     const std::vector<uint32_t> rows = kept_contacts(c);
     put_number(out, c.body.size()), put_number(out, rows.size());
+    for (const uint32_t i : rows) limits.depth = std::max(limits.depth, -c.distance[i]);
     // column by column, which compresses to two thirds
     const auto column = [&](const auto& value) {
         int64_t before = 0;
@@ -171,19 +173,24 @@ void put_contacts(std::vector<uint8_t>& out, const World& w, const Vec3d& origin
         return constraint[i] == kNone ? Vec3d(Vec3d::Zero())
                                       : Vec3d(w.contact_constraints.impulse[constraint[i]] / (1e-3 * w.clock.period));
     };
-    column([&](uint32_t i) { return in_steps(force_on(i).dot(c.normal[i]), PlayerRecorder::kForceStep, 0); });
+    column([&](uint32_t i) {
+        const double push = force_on(i).dot(c.normal[i]);
+        limits.push = std::max(limits.push, push);
+        return in_steps(push, PlayerRecorder::kForceStep, 0);
+    });
     column([&](uint32_t i) {
         const Vec3d force = force_on(i);
         return in_steps((force - force.dot(c.normal[i]) * c.normal[i]).norm(), PlayerRecorder::kForceStep, 0);
     });
 }
 
-void put_tools(std::vector<uint8_t>& out, const Haptics& haptics, const Vec3d& origin) {
+void put_tools(std::vector<uint8_t>& out, const Haptics& haptics, const Vec3d& origin, PlayerLimits& limits) {
     put_number(out, haptics.state.size());
     for (const ToolState& s : haptics.state) {
         put_vector(out, s.device.position - origin);
         put_vector(out, (s.proxy_valid ? s.proxy : s.device.position) - origin);
         put_vector(out, s.output.force);
+        limits.hand = std::max(limits.hand, s.output.force.norm());
     }
 }
 
@@ -265,12 +272,17 @@ void PlayerRecorder::after_pass(const Frame& frame, std::span<const uint64_t> st
 
 void PlayerRecorder::record(const Frame& frame, std::span<const uint64_t> stage_ns) {
     const World& w = frame.world();
-    PlayerFrame out{static_cast<double>(w.clock.tick) * 1e-3, w.clock.pass, {}, {}, {}};
+    PlayerFrame out{static_cast<double>(w.clock.tick) * 1e-3,
+                    std::accumulate(stage_ns.begin(), stage_ns.end(), uint64_t{0}) / 1000,
+                    w.clock.pass,
+                    {},
+                    {},
+                    {}};
     add_moves(w, out);
     add_surfaces(w, out);
-    put_costs(out.findings, frame, stage_ns);
-    put_contacts(out.findings, w, origin_);
-    put_tools(out.findings, w.haptics, origin_);
+    put_costs(out.findings, frame, stage_ns, limits_);
+    put_contacts(out.findings, w, origin_, limits_);
+    put_tools(out.findings, w.haptics, origin_, limits_);
     put_links(out.findings, w, origin_);
     if (every_pass_) put_cells(out.findings, w.occupancy, origin_);
     bytes_ += out.bytes();
@@ -366,6 +378,7 @@ std::vector<uint8_t> PlayerRecorder::coded(const std::string& scene, const Camer
     header["point_step"] = kPointStep, header["depth_step"] = kDepthStep, header["force_step"] = kForceStep;
     header["turn_step"] = kTurnStep, header["normal_step"] = kNormalStep, header["origin"] = list(origin_), header["cells"] = every_pass_,
     header["links"] = has_links_, header["stages"] = stages_;
+    header["limits"] = {{"depth", limits_.depth}, {"push", limits_.push}, {"hand", limits_.hand}, {"pair", limits_.pair}};
     header["camera"] = {{"orbit", camera.kind == CameraKind::kOrbit},
                         {"target", list(camera.target - origin_)},
                         {"up", list(camera.up)},
@@ -396,13 +409,16 @@ std::vector<uint8_t> PlayerRecorder::coded(const std::string& scene, const Camer
     out.insert(out.end(), text.begin(), text.end());
     out.insert(out.end(), meshes_.begin(), meshes_.end());
     for (const PlayerFrame& f : frames_) {
-        put_double(out, f.time), put_number(out, f.pass);
+        put_double(out, f.time), put_number(out, f.pass), put_number(out, f.cost_us);
         out.insert(out.end(), f.moves.begin(), f.moves.end());
         out.insert(out.end(), f.surfaces.begin(), f.surfaces.end());
         put_number(out, 0);  // no further torn body
     }
     // apart from the moves: mixed, the whole compresses to one and a half times as much
-    for (const PlayerFrame& f : frames_) out.insert(out.end(), f.findings.begin(), f.findings.end());
+    for (const PlayerFrame& f : frames_) {
+        put_number(out, f.findings.size());
+        out.insert(out.end(), f.findings.begin(), f.findings.end());
+    }
     return out;
 }
 

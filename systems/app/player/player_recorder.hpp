@@ -10,11 +10,20 @@ namespace trocar {
 // Everything that the player shows of one moment: what a run keeps of a displayed frame, coded as page/data.js reads it.
 struct PlayerFrame {
     double time = 0;                // s, simulated: end of the pass
+    uint64_t cost_us = 0;           // of the pass: sum of its stages
     uint64_t pass = 0;              // passes made so far
     std::vector<uint8_t> moves;     // every body: its state, and the steps of its coordinates since the frame before
     std::vector<uint8_t> surfaces;  // triangles of bodies torn since the frame before
     std::vector<uint8_t> findings;  // of the last pass: costs of stages and pairs, contacts, tools; cells, if asked for
     size_t bytes() const { return moves.size() + surfaces.size() + findings.size(); }
+};
+
+// Largest values of a run, at which scales of colours and arrows end.
+struct PlayerLimits {
+    double depth = 1e-6;  // m
+    double push = 1e-9;   // N, of a contact
+    double hand = 1e-9;   // N, on a hand
+    double pair = 1e-6;   // ms, of detection, of a pair
 };
 
 // What a body does, in the lowest digits of its state; from kInIsland on, the number of its island.
@@ -66,6 +75,7 @@ class PlayerRecorder {
     size_t most_bytes_, bytes_ = 0, joining_ = 0;
     uint64_t offered_ = 1, stride_ = 1;
     std::vector<std::string> stages_;
+    PlayerLimits limits_;
     Vec3d origin_;  // m, world: positions are relative to it
     std::vector<Body> bodies_;
     std::vector<uint32_t> coordinates_;  // per body: seven of a pose, or three per vertex

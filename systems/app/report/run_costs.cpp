@@ -212,7 +212,8 @@ std::string worst_section(const RunFigures& f, const ReportMedia& media) {
         cards += format("<p><b>%.2f ms</b>, pass %zu at %.3f s; ", p.frame_ms - p.render_ms, worst[i], p.time);
         for (size_t s = 0; s < std::min<size_t>(3, stages.size()); ++s)
             cards += escape_html(f.stage[stages[s].second].name) + format(" %.2f, ", static_cast<double>(-stages[s].first));
-        cards += format("%u contacts, %u pairs overlap, deepest %.2f mm</p></div>\n", p.contacts, p.pairs, p.depth * 1e3);
+        cards += format("%u contact%s, %u pair%s overlapping, deepest %.2f mm</p></div>\n", p.contacts, p.contacts == 1 ? "" : "s", p.pairs,
+                        p.pairs == 1 ? "" : "s", p.depth * 1e3);
     }
     return "<h2>The slowest passes</h2><p>Without drawing; the first four passes of a run, which allocate memory, are excluded. Each "
            "picture is the next one drawn.</p><div class=\"shots\">" +

@@ -6,7 +6,7 @@ const calm = [0.42, 0.44, 0.47], asleep = [0.13, 0.2, 0.42], still = [0.25, 0.26
 
 // A contact's point: darker the more it pushes; pale blue where it carries nothing.
 export function contactColour(scale, contact, limits) {
-    return contact.push > 0 ? colourOnScale(scale, 0.25 + 0.6 * contact.push / limits.force) : contact.distance < 0 ? scale[0] : [0.35, 0.5, 0.75];
+    return contact.push > 0 ? colourOnScale(scale, 0.25 + 0.6 * contact.push / limits.push) : contact.distance < 0 ? scale[0] : [0.35, 0.5, 0.75];
 }
 
 // What the colours mean: css and two ends, or null.
@@ -14,7 +14,7 @@ export function legendOf(mode, {depth_colours: scale}, limits) {
     const css = ([r, g, b]) => new Color(r, g, b).getStyle();
     if (mode === 'sleep') return {css: `${css(asleep)} 50%, ${css(awake)} 50%`, low: 'asleep', high: 'awake'};
     if (mode !== 'depth' && mode !== 'cost') return null;
-    const high = mode === 'depth' ? `${(1e3 * limits.depth).toPrecision(3)} mm` : `${limits.cost.toPrecision(3)} ms`;
+    const high = mode === 'depth' ? `${(1e3 * limits.depth).toPrecision(3)} mm` : `${limits.pair.toPrecision(3)} ms`;
     return {css: scale.map(css).join(','), low: '0', high};
 }
 
@@ -72,7 +72,7 @@ export function painter(mode, recording, frame, limits) {
     const flat = (body, state) => {
         if (mode === 'sleep') return header.bodies[body].still ? still : state.asleep ? asleep : awake;
         if (mode === 'island') return state.island < 0 ? still : islandColour(state.island);
-        return costs.has(body) ? colourOnScale(scale, costs.get(body) / limits.cost) : calm;
+        return costs.has(body) ? colourOnScale(scale, costs.get(body) / limits.pair) : calm;
     };
     return (body, source, out) => {
         if (mode === 'material') {

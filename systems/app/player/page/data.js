@@ -72,26 +72,39 @@ function readContacts(r, header) {
     }));
 }
 
+// `ms`: of its pass. What a pass found is read when it is looked at, and kept for one frame: a long run has a million contacts.
+class Frame {
+    constructor(time, pass, ms) { Object.assign(this, {time, pass, ms}); }
+    get found() {
+        if (Frame.newest !== this) Frame.newest = this, Frame.kept = this.read();
+        return Frame.kept;
+    }
+}
+for (const name of ['stages', 'pairs', 'contactsFound', 'contacts', 'tools', 'links', 'cellsFound', 'cellSize', 'cellOrigin', 'cells'])
+    Object.defineProperty(Frame.prototype, name, {get() { return this.found[name]; }});
+
 function readFrame(r, header, meshes, before) {
-    const frame = {time: r.double(), pass: r.number()};
+    const frame = new Frame(r.double(), r.number(), r.number() * 1e-3);
     frame.bodies = readMoves(r, header, meshes, before && before.bodies);
     frame.surfaces = new Map(before ? before.surfaces : []);  // of torn bodies, instead of their meshes'
     for (let body; (body = r.number()) > 0;) frame.surfaces.set(body - 1, readTriangles(r));
     return frame;
 }
 
-function readFindings(r, header, frame) {
-    frame.stages = r.times(r.number(), () => r.number() * 1e-3);  // ms
-    frame.pairs = r.times(r.number(), () => ({a: r.number(), b: r.number(), vertices: r.number(), ms: r.number() * 1e-3}));
-    frame.contactsFound = r.number();
-    frame.contacts = readContacts(r, header);
-    frame.tools = r.times(r.number(), () => ({device: r.vector(), proxy: r.vector(), force: r.vector()}));
-    frame.links = r.times(r.number(), () => [r.vector(), r.vector()]);
-    if (!header.cells) return;
-    frame.cellsFound = r.number();
+function readFindings(r, header) {
+    const found = {};
+    found.stages = r.times(r.number(), () => r.number() * 1e-3);  // ms
+    found.pairs = r.times(r.number(), () => ({a: r.number(), b: r.number(), vertices: r.number(), ms: r.number() * 1e-3}));
+    found.contactsFound = r.number();
+    found.contacts = readContacts(r, header);
+    found.tools = r.times(r.number(), () => ({device: r.vector(), proxy: r.vector(), force: r.vector()}));
+    found.links = r.times(r.number(), () => [r.vector(), r.vector()]);
+    if (!header.cells) return found;
+    found.cellsFound = r.number();
     const count = r.number();
-    frame.cellSize = r.float(), frame.cellOrigin = r.vector();
-    frame.cells = r.times(count, () => [r.number(), r.number(), r.number()]);
+    found.cellSize = r.float(), found.cellOrigin = r.vector();
+    found.cells = r.times(count, () => [r.number(), r.number(), r.number()]);
+    return found;
 }
 
 export function readRecording(bytes) {
@@ -100,7 +113,11 @@ export function readRecording(bytes) {
     const meshes = r.times(header.meshes, () => readMesh(r));
     const frames = [];
     for (let i = 0; i < header.frames; ++i) frames.push(readFrame(r, header, meshes, frames[i - 1]));
-    for (const frame of frames) readFindings(r, header, frame);
+    for (const frame of frames) {
+        const length = r.number();
+        frame.read = () => readFindings(new Reader(bytes.subarray(frame.begin, frame.begin + length)), header);
+        frame.begin = r.at, r.at += length;
+    }
     return {header, meshes, frames};
 }
 

@@ -41,6 +41,7 @@ export function contactFacts({header}, frame, index) {
 }
 
 export function frameFacts({header}, frame) {
+    const most = header.cells ? Infinity : 5;  // of stages and pairs: a capture is there to be looked into
     const deepest = frame.contacts.reduce((d, c) => Math.max(d, -c.distance), 0), islands = new Set(frame.bodies.map(b => b.island));
     islands.delete(-1);
     const kept = frame.contacts.length < frame.contactsFound ? `${frame.contactsFound}, the deepest ${frame.contacts.length} drawn` : frame.contactsFound;
@@ -49,13 +50,12 @@ export function frameFacts({header}, frame) {
     if (frame.cells) rows.push(['cells', frame.cells.length < frame.cellsFound ? `${frame.cellsFound}, ${frame.cells.length} drawn` : frame.cellsFound]);
     frame.tools.forEach((t, i) => rows.push([`hand at ${header.bodies[header.tools[i].body].name}`, newton(Math.hypot(...t.force))]));
     const parts = [heading(`Pass ${frame.pass}`), table(rows)];
-    const stages = frame.stages.map((ms, i) => [header.stages[i], ms]).sort((a, b) => b[1] - a[1]).slice(0, 5).filter(s => s[1] > 0);
+    const stages = frame.stages.map((ms, i) => [header.stages[i], ms]).sort((a, b) => b[1] - a[1]).slice(0, most).filter(s => s[1] > 0);
     if (stages.length > 0) {
-        const all = frame.stages.reduce((sum, ms) => sum + ms, 0);
-        parts.push(heading(`Dearest stages of ${all.toFixed(2)} ms`), table(stages.map(([name, ms]) => [name, `${ms.toFixed(3)} ms`])));
+        parts.push(heading(`Dearest stages of ${frame.ms.toFixed(2)} ms`), table(stages.map(([name, ms]) => [name, `${ms.toFixed(3)} ms`])));
     }
     if (frame.pairs.length > 0)
-        parts.push(heading('Dearest pairs in detection'), table(frame.pairs.slice(0, 5).map(p =>
+        parts.push(heading('Dearest pairs in detection'), table(frame.pairs.slice(0, most).map(p =>
             [`${header.bodies[p.a].name} / ${header.bodies[p.b].name}`, `${p.ms.toFixed(3)} ms, ${p.vertices} vertices`])));
     return parts;
 }

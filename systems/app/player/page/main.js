@@ -54,7 +54,8 @@ class Player {
         const speed = element('select', {title: 'speed', onchange: () => { this.speed = +speed.value; }});
         for (const s of [0.05, 0.1, 0.25, 0.5, 1, 2, 4]) speed.append(element('option', {value: s, textContent: `${s} x`, selected: s === 1}));
         return element('div', {className: 'bar'}, this.play, step('◀', -1, 'left arrow'), step('▶', 1, 'right arrow'), this.slider, this.clock,
-                       speed, element('button', {textContent: 'Reset view', onclick: () => this.view.home()}));
+                       speed, element('button', {textContent: 'Slowest', title: 'the frame whose pass took longest', onclick: () => this.stopAt(this.slowest())}),
+                       element('button', {textContent: 'Reset view', onclick: () => this.view.home()}));
     }
     makeLayers() {
         const mode = element('select', {onchange: () => { this.view.mode = mode.value, this.show(this.at), this.showLegend(); }});
@@ -104,6 +105,10 @@ class Player {
     frameAt(time) {
         const found = this.frames.findIndex(f => f.time > time + 1e-6);
         return found < 0 ? this.frames.length - 1 : found;
+    }
+    slowest() {
+        const cost = this.frames.map(f => f.ms);
+        return cost.indexOf(Math.max(...cost));
     }
     toggle() {
         this.playing = !this.playing;

@@ -55,7 +55,7 @@ export class View {
     constructor(canvas, recording) {
         this.recording = recording, this.canvas = canvas, this.frame = 0, this.selected = null;
         this.layers = {contacts: true, normals: false, forces: false, tools: true, links: true, cells: false, wireframe: false, seeThrough: false};
-        this.mode = 'material';
+        this.mode = 'material', this.limits = recording.header.limits;
         this.renderer = new three.WebGLRenderer({canvas, antialias: true});
         this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
         this.renderer.shadowMap.enabled = recording.header.bodies.length <= mostWithShadows;
@@ -64,7 +64,6 @@ export class View {
         this.camera = new three.PerspectiveCamera();
         this.makeBodies();
         this.makeLayers();
-        this.findLimits();
         this.show(0);
         this.placeCamera();
         this.makeLights();
@@ -98,18 +97,6 @@ export class View {
         this.hand = overlay(three.LineSegments, new three.LineBasicMaterial({vertexColors: true, ...over}));
         this.tips = overlay(three.Points, new three.PointsMaterial({size: 9 * devicePixelRatio, sizeAttenuation: false, vertexColors: true, map: dot, ...over}));
         this.scene.add(this.points, this.normals, this.forces, this.links, this.cells, this.hand, this.tips);
-    }
-    // What the scales of colours and arrows end at: over the whole run, so that frames can be compared.
-    findLimits() {
-        this.limits = {depth: 1e-6, force: 1e-9, cost: 1e-6, hand: 1e-9};
-        for (const f of this.recording.frames) {
-            for (const c of f.contacts) {
-                this.limits.depth = Math.max(this.limits.depth, -c.distance);
-                this.limits.force = Math.max(this.limits.force, Math.hypot(c.push, c.friction));
-            }
-            for (const p of f.pairs) this.limits.cost = Math.max(this.limits.cost, p.ms / 2);
-            for (const t of f.tools) this.limits.hand = Math.max(this.limits.hand, Math.hypot(...t.force));
-        }
     }
     placeCamera() {
         const {camera} = this.recording.header, box = boxToFit(this), size = box.getSize(new three.Vector3()).length();
@@ -212,7 +199,7 @@ export class View {
             const to = (length, sign = 1) => c.point.map((x, k) => x + sign * c.normal[k] * length);
             point.push(...c.point), normal.push(...c.point, ...to(0.03 * size));
             colour.push(...contactColour(scale, c, limits));
-            if (c.push > 0) force.push(...c.point, ...to(0.2 * size * c.push / limits.force));
+            if (c.push > 0) force.push(...c.point, ...to(0.2 * size * c.push / limits.push));
         }
         setOverlay(this.points, point, colour), setOverlay(this.normals, normal), setOverlay(this.forces, force);
         this.showTools(now, size);
