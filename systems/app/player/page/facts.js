@@ -4,6 +4,9 @@ import {costsOfBodies} from './colours.js';
 const mm = metres => `${(1e3 * metres).toPrecision(3)} mm`;
 const newton = force => `${force.toPrecision(3)} N`;
 
+// Passes count from 0, as in the rest of the page and in captures; the first frame of a run is before them.
+export const nameOfPass = ({pass}) => pass > 0 ? `pass ${pass - 1}` : 'before the first pass';
+
 function heading(text) {
     const made = document.createElement('h3');
     made.textContent = text;
@@ -49,7 +52,7 @@ export function frameFacts({header}, frame) {
     if (header.links) rows.push(['links', frame.links.length]);
     if (frame.cells) rows.push(['cells', frame.cells.length < frame.cellsFound ? `${frame.cellsFound}, ${frame.cells.length} drawn` : frame.cellsFound]);
     frame.tools.forEach((t, i) => rows.push([`hand at ${header.bodies[header.tools[i].body].name}`, newton(Math.hypot(...t.force))]));
-    const parts = [heading(`Pass ${frame.pass}`), table(rows)];
+    const parts = [heading(nameOfPass(frame).replace(/^./, first => first.toUpperCase())), table(rows)];
     const stages = frame.stages.map((ms, i) => [header.stages[i], ms]).sort((a, b) => b[1] - a[1]).slice(0, most).filter(s => s[1] > 0);
     if (stages.length > 0) {
         parts.push(heading(`Dearest stages of ${frame.ms.toFixed(2)} ms`), table(stages.map(([name, ms]) => [name, `${ms.toFixed(3)} ms`])));

@@ -3,7 +3,7 @@
 import {readRecording} from './data.js';
 import {legendOf, modes} from './colours.js';
 import {View} from './view.js';
-import {bodyFacts, contactFacts, frameFacts} from './facts.js';
+import {bodyFacts, contactFacts, frameFacts, nameOfPass} from './facts.js';
 
 const style = `
 #player{display:grid;grid-template-columns:minmax(0,1fr) 300px;background:#fff;border:1px solid #e3e6ea;border-radius:8px;overflow:hidden;outline-offset:2px}
@@ -13,7 +13,7 @@ const style = `
 #player button,#player select{font:inherit;padding:3px 9px;border:1px solid #c9ced6;border-radius:5px;background:#f7f8fa;cursor:pointer}
 #player .play{min-width:64px}
 #player output{font-variant-numeric:tabular-nums;min-width:150px}
-#player .facts3d{padding:10px 12px;border-left:1px solid #e3e6ea;font-size:13px;overflow:auto;max-height:min(62vh,640px)}
+#player .facts3d{box-sizing:border-box;padding:10px 12px;border-left:1px solid #e3e6ea;font-size:13px;overflow:auto;max-height:min(62vh,640px)}
 #player .facts3d h3{font-size:13.5px;margin:10px 0 2px}#player .facts3d h3:first-child{margin-top:0}
 #player .facts3d table{font-size:12.5px;width:100%}#player .facts3d td{padding:1px 6px 1px 0}
 #player .legend i{display:inline-block;width:110px;height:10px;margin:0 6px;border-radius:3px}
@@ -134,15 +134,15 @@ class Player {
     show(frame) {
         if (frame !== this.at && this.view.selected && 'contact' in this.view.selected) this.view.selected = null;
         this.at = frame, this.slider.value = frame;
-        const {time, pass} = this.frames[frame];
-        this.clock.textContent = `${time.toFixed(3)} s, pass ${pass}`;
+        const {time} = this.frames[frame];
+        this.clock.textContent = `${time.toFixed(3)} s, ${nameOfPass(this.frames[frame])}`;
         this.view.show(frame);
         this.tell();
         document.dispatchEvent(new CustomEvent('trocar-shown', {detail: time}));
     }
     select(hit) {
         this.view.selected = hit;
-        this.view.paint(), this.view.draw();
+        this.view.paint(), this.view.markContact(), this.view.draw();
         this.tell();
     }
     tell() {

@@ -30,10 +30,11 @@ function orbitDirection({up, azimuth, elevation}) {
         .addScaledVector(sky, Math.sin(elevation));
 }
 
-// A white disc: points are squares without it.
-function disc() {
+// A white disc or ring: points are squares without it.
+function disc(isRing) {
     const canvas = Object.assign(document.createElement('canvas'), {width: 32, height: 32}), pen = canvas.getContext('2d');
-    pen.fillStyle = '#fff', pen.beginPath(), pen.arc(16, 16, 14, 0, 7), pen.fill();
+    pen.fillStyle = '#fff', pen.beginPath(), pen.arc(16, 16, isRing ? 12 : 14, 0, 7);
+    pen.lineWidth = 6, pen.strokeStyle = '#fff', isRing ? pen.stroke() : pen.fill();
     return canvas;
 }
 
@@ -88,15 +89,17 @@ export class View {
         this.drawn = header.bodies.map(() => null);  // coordinates that the geometry holds
     }
     makeLayers() {
-        const over = {depthTest: false, transparent: true}, dot = new three.CanvasTexture(disc());
+        const over = {depthTest: false, transparent: true}, dot = new three.CanvasTexture(disc(false)), ring = new three.CanvasTexture(disc(true));
         this.points = overlay(three.Points, new three.PointsMaterial({size: 5 * devicePixelRatio, sizeAttenuation: false, vertexColors: true, map: dot, ...over}));
         this.normals = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0x0b5cad, opacity: 0.8, ...over}));
         this.forces = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0xb3123f, ...over}));
         this.cells = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0x2a7d4f, opacity: 0.35, ...over}));
+        this.mark = overlay(three.Points, new three.PointsMaterial({size: 18 * devicePixelRatio, sizeAttenuation: false, color: 0x111827, map: ring, ...over}));
+        this.mark.renderOrder = 11;
         this.links = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0x6b2fa0, ...over}));
         this.hand = overlay(three.LineSegments, new three.LineBasicMaterial({vertexColors: true, ...over}));
         this.tips = overlay(three.Points, new three.PointsMaterial({size: 9 * devicePixelRatio, sizeAttenuation: false, vertexColors: true, map: dot, ...over}));
-        this.scene.add(this.points, this.normals, this.forces, this.links, this.cells, this.hand, this.tips);
+        this.scene.add(this.mark, this.points, this.normals, this.forces, this.links, this.cells, this.hand, this.tips);
     }
     placeCamera() {
         const {camera} = this.recording.header, box = boxToFit(this), size = box.getSize(new three.Vector3()).length();
@@ -205,9 +208,14 @@ export class View {
         this.showTools(now, size);
         setOverlay(this.links, now.links.flat(2));
         if (now.cells) setOverlay(this.cells, now.cells.flatMap(cell => cellEdges(cell, now)));
+        this.markContact();
         const {layers} = this;
         this.points.visible = layers.contacts, this.normals.visible = layers.normals, this.forces.visible = layers.forces;
         this.cells.visible = layers.cells, this.links.visible = layers.links, this.hand.visible = this.tips.visible = layers.tools;
+    }
+    markContact() {
+        const {contacts} = this.recording.frames[this.frame], chosen = this.selected && contacts[this.selected.contact];
+        setOverlay(this.mark, chosen ? chosen.point : []);
     }
     showTools(now, size) {
         const line = [], lineColour = [], tip = [], tipColour = [], green = [0.02, 0.5, 0.15], red = [0.7, 0.05, 0.05];
