@@ -43,6 +43,8 @@ install_packages() {
 setup() {
     install_packages "${packages[@]}"
     install_packages "${optional[@]}" || step "an optional package is not to be had (${optional[*]}): going on without"
+    # for the 3D player of report.html, whose packages npm loads during the build
+    command -v npm >/dev/null || install_packages nodejs npm || step "nodejs or npm is not to be had: reports will have no 3D player"
 }
 
 build() {  # preset target...; without targets everything

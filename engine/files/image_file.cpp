@@ -10,12 +10,12 @@
 #include <csetjmp>
 #include <cstdio>
 #include <cstring>
-#include <memory>
 
 #include "engine/base/check.hpp"
 #include "engine/base/error.hpp"
 #include "engine/files/text_file.hpp"
 #include "engine/files/whole_file.hpp"
+#include "engine/files/zlib_bytes.hpp"
 namespace trocar {
 namespace {
 
@@ -286,12 +286,7 @@ std::vector<std::byte> encode_png(const Image& image) {
     const std::vector<uint8_t> rows = filter_rows(image, opaque ? 3 : 4);
     // live pictures are compressed thirty times a second: the fastest level takes half of zlib's time and is
     // no larger
-    const std::unique_ptr<libdeflate_compressor, decltype(&libdeflate_free_compressor)> compressor(libdeflate_alloc_compressor(1),
-                                                                                                   libdeflate_free_compressor);
-    TROCAR_ASSERT(compressor);
-    std::vector<uint8_t> packed(libdeflate_zlib_compress_bound(compressor.get(), rows.size()));
-    packed.resize(libdeflate_zlib_compress(compressor.get(), rows.data(), rows.size(), packed.data(), packed.size()));
-    TROCAR_ASSERT(!packed.empty());
+    const std::vector<uint8_t> packed = zlib_compress(rows, 1);
 
     std::vector<std::byte> out;
     out.reserve(packed.size() + 64);

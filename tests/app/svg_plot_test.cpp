@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <pugixml.hpp>
 #include <set>
 #include <string>
@@ -77,6 +78,26 @@ TEST(SvgPlot, LabelsAreLegible) {
     for (const pugi::xpath_node& line : document.select_nodes("//line")) top = std::min(top, line.node().attribute("y1").as_double(300));
     EXPECT_LT(label.attribute("y").as_double(300), top);
     EXPECT_LT(tick.attribute("x").as_double(1e9) + 0.5 * 6.7 * 6, 640) << "six digits of 6.7";
+}
+
+// Breaks when the page's script reads other values than were drawn, or a name becomes markup.
+TEST(SvgPlot, TellsTheScriptWhereItsAxesAre) {
+    Plot plot{"f", kTimeLabel, "N", {{"a<b", {0, 1, 2}, {1, 3, 2}, false}}};
+    plot.event_time = {0.5, 1.25};
+    pugi::xml_document document;
+    ASSERT_TRUE(document.load_string(svg_plot(plot).c_str()));
+    const pugi::xml_node svg = document.child("svg"), line = document.select_node("//polyline").node();
+    double left, right, top, bottom, x0, x1, y0, y1, x, y;
+    ASSERT_EQ(std::sscanf(svg.attribute("data-plot").value(), "%lf %lf %lf %lf %lf %lf %lf %lf", &left, &right, &top, &bottom, &x0, &x1,
+                          &y0, &y1),
+              8);
+    ASSERT_EQ(std::sscanf(line.attribute("points").value(), "%*f,%*f %lf,%lf", &x, &y), 2);
+    EXPECT_NEAR(x0 + (x - left) / (right - left) * (x1 - x0), 1, 2e-3);
+    EXPECT_NEAR(y0 + (bottom - y) / (bottom - top) * (y1 - y0), 3, 1e-2);
+    EXPECT_STREQ(line.attribute("data-name").value(), "a<b");
+    EXPECT_STREQ(svg.attribute("data-unit").value(), "N");
+    EXPECT_STREQ(svg.attribute("data-times").value(), "0.500 1.250");
+    EXPECT_TRUE(svg.attribute("data-time")) << "over time";
 }
 
 TEST(SvgPlot, BarsHaveTheirNamesAndValues) {

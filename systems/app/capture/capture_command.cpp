@@ -216,16 +216,18 @@ int capture_diff_command(const std::string& a, const std::string& b) {
 
 int capture_export_command(const CaptureExportOptions& options) {
     const Capture capture = open_capture(options.file);
-    if (options.vtp.empty() && options.png.empty() && options.trace.empty() && options.csv.empty())
-        throw InputError("capture export: choose an output: --vtp FOLDER, --png FOLDER, --trace FILE or --csv FILE");
+    if (options.vtp.empty() && options.png.empty() && options.trace.empty() && options.csv.empty() && options.html.empty())
+        throw InputError("capture export: choose an output: --vtp FOLDER, --png FOLDER, --trace FILE, --csv FILE or --html FILE");
     if (options.per_body && options.vtp.empty()) throw InputError("capture export: --per-body needs --vtp FOLDER");
     refuse_same(options.csv, options.file), refuse_same(options.trace, options.file), refuse_same(options.csv, options.trace);
+    for (const std::filesystem::path& other : {options.csv, options.trace, std::filesystem::path(options.file)}) refuse_same(options.html, other);
     if (!options.csv.empty()) write_whole_file(options.csv, capture_csv(capture));
     if (!options.trace.empty()) write_whole_file(options.trace, capture_trace(capture));
     set_offscreen_threads(0);
     CommandPool pool(options.threads);
     pool.run([&] {
         if (!options.vtp.empty()) export_vtp(capture, options.vtp, options.per_body);
+        if (!options.html.empty()) write_whole_file(options.html, capture_page(capture));
         if (!options.png.empty() && export_pictures(capture, options.png) == 0)
             std::fprintf(stderr, "trocar: note: the passes of %s contain no picture\n", options.file.c_str());
     });

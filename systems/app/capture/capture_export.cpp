@@ -11,6 +11,8 @@
 #include "engine/tissue/spring_step.hpp"
 #include "systems/app/console/format.hpp"
 #include "systems/app/pictures/picture_writer.hpp"
+#include "systems/app/player/player_page.hpp"
+#include "systems/app/report/report_page.hpp"
 #include "systems/app/report/svg_plot.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
@@ -231,6 +233,23 @@ void export_vtp(const Capture& capture, const fs::path& folder, bool per_body) {
     std::string names = "body,name\n";
     for (size_t body = 0; body < state.body.size(); ++body) names += std::to_string(body) + "," + csv_field(state.body[body]) + "\n";
     write_whole_file(folder / "bodies.csv", names);
+}
+
+std::string capture_page(const Capture& capture) {
+    const CaptureHeader& h = capture.header;
+    std::optional<PlayerRecorder> recorder;
+    replay_capture(capture, {[](void* user, Frame& frame, const CaptureStep& step) {
+                                 auto& player = *static_cast<std::optional<PlayerRecorder>*>(user);
+                                 if (player)
+                                     player->after_pass(frame, step.stage_ns);
+                                 else
+                                     player.emplace(frame, true, step.stage_ns);
+                             },
+                             &recorder});
+    std::string facts = "<h1>" + escape_html(h.scene) + "</h1><p>Captured by trocar " + escape_html(h.version) + " (" +
+                        escape_html(h.reason) + ") on " + escape_html(h.machine) + ", " + std::to_string(capture.passes()) + " passes" +
+                        (capture.damage.empty() ? "" : "; incomplete: it " + escape_html(capture.damage)) + ".</p>\n";
+    return html_page(h.scene, facts + (recorder ? player_section(*recorder, h.scene, h.camera) : "<p>It holds no pass.</p>"));
 }
 
 size_t export_pictures(const Capture& capture, const fs::path& folder) {

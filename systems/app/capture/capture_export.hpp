@@ -19,6 +19,8 @@ std::vector<float> vertex_strain(const World& world, uint32_t body);
 // (Pa, strain times Young's modulus). Inactive pool bodies have no file. With per_body: BODY_PASS.vtp and
 // BODY.pvd for each body, with materials and texture coordinates. Throws InputError.
 void export_vtp(const Capture& capture, const std::filesystem::path& folder, bool per_body);
+// Replays the capture into a page with the 3D player of every pass, with the times that were recorded. Throws InputError.
+std::string capture_page(const Capture& capture);
 // Replays the capture and draws its pictures as frames/*.png. Returns their number.
 size_t export_pictures(const Capture& capture, const std::filesystem::path& folder);
 

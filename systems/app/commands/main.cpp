@@ -120,6 +120,8 @@ void add_run(CLI::App& app, int& code) {
     run->add_flag("--figures-only", o->figures_only, "Write only metrics.json and passes.csv");
     run->add_flag_callback(
         "--no-render", [o] { o->render = false; }, "Draw no pictures");
+    run->add_flag_callback(
+        "--no-player", [o] { o->player = false; }, "Leave the 3D player out of report.html");
     add_sets(run, o->overrides,
              "Change a key of the scene (liver.tissue.wall=3e-3, contact.tolerance=1e-4; body.KEY: of every deformable body), or a "
              "parameter that `trocar scenes` lists: KEY=VALUE, repeatable");
@@ -384,6 +386,9 @@ void add_capture(CLI::App& app, int& code) {
     exported->add_option("--png", o->png, "Folder for frames/*.png");
     exported->add_option("--trace", o->trace, "Chrome trace (JSON) of the stages of every pass: Perfetto, speedscope");
     exported->add_option("--csv", o->csv, "CSV with one line per pass");
+    exported->add_option("--html", o->html,
+                         "Page with the 3D player of every pass: contacts, their constraints and impulses, islands, cells of the grid, "
+                         "stage times and dearest pairs as recorded");
     add_threads(exported, o->threads);
     run_with(exported, code, o, capture_export_command);
     capture->footer(

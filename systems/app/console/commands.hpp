@@ -23,6 +23,7 @@ struct RunOptions {
     std::vector<std::string> devices;  // live: BODY=SPECIFICATION, replaces the scene's scripted hand
     std::filesystem::path replay;      // recording of a live run to repeat in lockstep; empty = none
     bool render = true;
+    bool player = true;         // embed the 3D player in report.html
     uint32_t threads = 0;       // 0 = all cores
     bool figures_only = false;  // write only metrics.json and passes.csv
     uint32_t export_every = 0;  // write every body as OBJ with every n-th picture; 0 = only at the end
@@ -115,7 +116,7 @@ int replay_command(const ReplayOptions& options);
 
 struct CaptureExportOptions {
     std::string file;
-    std::filesystem::path vtp, png, trace, csv;  // empty = not written
+    std::filesystem::path vtp, png, trace, csv, html;  // empty = not written
     bool per_body = false;                       // applies to vtp
     uint32_t threads = 0;
 };

@@ -13,7 +13,8 @@ namespace {
 constexpr size_t kPictures = 12;
 constexpr uintmax_t kLargestFilm = 8u << 20;  // bytes
 
-// RFC 4648, section 4.
+}  // namespace
+
 std::string base64(std::span<const unsigned char> bytes) {
     constexpr char kDigit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     std::string out;
@@ -26,8 +27,6 @@ std::string base64(std::span<const unsigned char> bytes) {
     }
     return out;
 }
-
-}  // namespace
 
 ReportMedia embed_media(const std::filesystem::path& folder, const std::vector<std::string>& pictures, const std::string& film,
                         const std::vector<size_t>& worst) {

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "systems/app/console/format.hpp"
+#include "systems/app/report/plot_cursor.hpp"
 #include "systems/app/report/run_costs.hpp"
 #include "systems/app/report/svg_plot.hpp"
 namespace trocar {
@@ -26,6 +27,11 @@ constexpr const char* kStyle =
     "svg{width:100%;height:auto;display:block}svg text{font:12px system-ui,sans-serif;fill:#3a4452}"
     "svg .t{font-weight:600;font-size:14px;fill:#1c2430}"
     "svg .h{paint-order:stroke;stroke:#fff;stroke-width:4px;stroke-linejoin:round}"
+    "nav{display:flex;flex-wrap:wrap;gap:4px 16px;margin:8px 0;font-size:14px}nav a{color:#1f6feb;text-decoration:none}"
+    ".tip{display:none;position:fixed;z-index:5;pointer-events:none;background:#fff;border:1px solid #c9ced6;border-radius:6px;"
+    "padding:4px 8px;font-size:12.5px;font-variant-numeric:tabular-nums;box-shadow:0 2px 8px #0002}"
+    "svg .cursor{stroke:#8a94a3}svg .shown{stroke:#1c2430;stroke-width:1.5;display:none}.played svg .shown{display:initial}"
+    ".played svg.timed,.played .card[data-time]{cursor:pointer}"
     "svg .g{stroke:#e9ecf0}svg .m{stroke:#888;stroke-dasharray:5 4}code{background:#eef0f3;padding:1px 4px;"
     "border-radius:4px}";
 
@@ -90,6 +96,7 @@ std::string contact_section(const ContactColumns& c) {
     for (size_t i = 0; i < event.size(); ++i) event[i] = static_cast<double>(i + 1);
     const auto over_events = [&](const char* title, const char* series, const std::vector<double>& ms) {
         Plot plot{title, "contact event, in order of time", "ms", {{series, event, ms}}};
+        plot.event_time = c.time;
         plot.mark_y = mean(ms);
         plot.mark_label = "mean " + format("%.3f ms", mean(ms));
         plot.cut_outliers = true;
@@ -137,7 +144,7 @@ std::string time_section(const RunFigures& f) {
     const std::vector<double> t = passes(&PassFigures::time);
     std::vector<double> elastic;
     for (const PassFigures& p : f.pass) elastic.push_back((p.energy.elastic + p.energy.pressure + p.energy.bending) * 1e3);
-    const char* const time = "simulated time, s";
+    const char* const time = kTimeLabel;
     std::string cards;
     cards += card(svg_plot({"Penetration depth", time, "mm", {{"deepest pair", t, passes(&PassFigures::depth, 1e3)}}}),
                   "The largest of the shortest distances from a point inside to the other surface, of the deepest pair, "
@@ -190,7 +197,7 @@ std::string node_section(const RunFigures& f) {
         }
         const auto& count = f.drive[row].events.count;
         const auto of = [&](NodeEventKind kind) { return std::to_string(count[static_cast<size_t>(kind)]); };
-        cards += card(svg_plot({f.drive[row].body, "simulated time, s", unit, {{unit, t, coordinate}}, false}),
+        cards += card(svg_plot({f.drive[row].body, kTimeLabel, unit, {{unit, t, coordinate}}, false}),
                       dial ? "Detents passed: " + of(NodeEventKind::kDetent) + ", limits reached: " + of(NodeEventKind::kLimit) + "."
                            : "Pressed " + of(NodeEventKind::kPressed) + ", released " + of(NodeEventKind::kReleased) + ", limits reached " +
                                  of(NodeEventKind::kLimit) + " times.");
@@ -231,7 +238,7 @@ std::string tool_cards(const RunFigures& f, uint32_t tool) {
     std::vector<double> t, hand, tissue;
     for (const ToolSample& s : f.tool_sample)
         if (s.tool == tool) t.push_back(s.time), hand.push_back(s.force.norm()), tissue.push_back(s.tissue.norm());
-    std::string cards = card(svg_plot({"Force of " + f.tool[tool].body, "time, s", "N", {{"hand", t, hand}, {"tissue", t, tissue}}}),
+    std::string cards = card(svg_plot({"Force of " + f.tool[tool].body, kTimeLabel, "N", {{"hand", t, hand}, {"tissue", t, tissue}}}),
                              "On the hand, and of the tissue on the simulated tool, averaged over a contact pass.");
     if (const std::optional<ForceMap> map = force_map(f.tool_sample, tool))
         cards += card(svg_force_map("Force on " + f.tool[tool].body + " by position", *map),
@@ -269,12 +276,13 @@ std::string trouble_section(const Report& r) {
 std::string html_page(const std::string& title, const std::string& body) {
     return "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" "
            "content=\"width=device-width\"><title>" +
-           escape_html(title) + " - Trocar</title><style>" + kStyle + "</style></head><body>\n" + body + "</body></html>\n";
+           escape_html(title) + " - Trocar</title><style>" + kStyle + "</style></head><body>\n" + body + "<script>" + kPlotCursor +
+           "</script></body></html>\n";
 }
 
 std::string report_html(const RunFigures& f, const ReportMedia& media) {
     const ContactColumns c = contact_columns(f);
-    return html_page(f.scene, head(f, c) + media_sections(media) + contact_section(c) + time_section(f) + node_section(f) +
+    return html_page(f.scene, head(f, c) + media.player + media_sections(media) + contact_section(c) + time_section(f) + node_section(f) +
                                   stage_section(f) + cost_sections(f, media) + haptics_section(f) + trouble_section(f.report));
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -11,7 +12,11 @@ struct ReportMedia {
     std::vector<std::string> picture;
     std::string film;                     // empty if there is none
     std::vector<std::string> worst = {};  // pictures of the slowest passes; empty where none was taken
+    std::string player = {};              // section with the 3D player; empty if it is left out
 };
+
+// RFC 4648, section 4.
+std::string base64(std::span<const unsigned char> bytes);
 
 // Embeds twelve pictures at half size, and the film up to 8 MB, as data addresses: the page needs no other
 // file. A larger film is linked instead; unreadable pictures are left out. Names are relative to `folder`.

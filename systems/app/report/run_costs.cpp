@@ -141,9 +141,9 @@ std::string timeline(const RunFigures& f) {
     const double top = std::max(1e-6, std::min(1.05 * quantile(sums, 1), 3 * quantile(sums, 0.97)));
     const double step = std::pow(10.0, std::floor(std::log10(top))) / (top / std::pow(10.0, std::floor(std::log10(top))) < 2.5 ? 2 : 1);
     const auto py = [&](double ms) { return kHeight - kBottom - std::min(ms, top) / top * (kHeight - kBottom - kTop); };
-    std::string svg =
-        format("<svg viewBox=\"0 0 %g %g\" role=\"img\"><text class=\"t\" x=\"8\" y=\"16\">Stages over the run, ms per pass</text>", kWidth,
-               kHeight);
+    std::string svg = format("<svg viewBox=\"0 0 %g %g\" role=\"img\" data-over=\"%s\" data-time=\"\"", kWidth, kHeight, kTimeLabel) +
+                      cursor_attribute(kLeft, kWidth - 8, kTop, kHeight - kBottom, f.pass.front().time, f.pass[passes - 1].time, 0, top) +
+                      "><text class=\"t\" x=\"8\" y=\"16\">Stages over the run, ms per pass</text>";
     for (double y = 0; y <= top; y += step)
         svg +=
             format("<line class=\"g\" x1=\"%g\" x2=\"%g\" y1=\"%.1f\" y2=\"%.1f\"/><text text-anchor=\"end\" x=\"%g\" y=\"%.1f\">%g</text>",
@@ -206,13 +206,14 @@ std::string worst_section(const RunFigures& f, const ReportMedia& media) {
         if (worst[i] < f.pass_stage_ms.size())
             for (size_t s = 0; s < f.pass_stage_ms[worst[i]].size(); ++s) stages.emplace_back(-f.pass_stage_ms[worst[i]][s], s);
         std::sort(stages.begin(), stages.end());
-        cards += "<div class=\"card\">";
+        cards += format("<div class=\"card\" data-time=\"%.3f\">", p.time);
         if (i < media.worst.size() && !media.worst[i].empty())
             cards += "<img style=\"width:100%\" src=\"" + escape_html(media.worst[i]) + "\" alt=\"pass\">";
         cards += format("<p><b>%.2f ms</b>, pass %zu at %.3f s; ", p.frame_ms - p.render_ms, worst[i], p.time);
         for (size_t s = 0; s < std::min<size_t>(3, stages.size()); ++s)
             cards += escape_html(f.stage[stages[s].second].name) + format(" %.2f, ", static_cast<double>(-stages[s].first));
-        cards += format("%u contacts, %u pairs overlap, deepest %.2f mm</p></div>\n", p.contacts, p.pairs, p.depth * 1e3);
+        cards += format("%u contact%s, %u pair%s overlapping, deepest %.2f mm</p></div>\n", p.contacts, p.contacts == 1 ? "" : "s", p.pairs,
+                        p.pairs == 1 ? "" : "s", p.depth * 1e3);
     }
     return "<h2>The slowest passes</h2><p>Without drawing; the first four passes of a run, which allocate memory, are excluded. Each "
            "picture is the next one drawn.</p><div class=\"shots\">" +

@@ -155,10 +155,23 @@ std::string draw_dots(const Plot& plot, const PlotSeries& s, const char* color, 
 std::string draw_series(const Plot& plot, const PlotSeries& full, const char* color, const PlotFrame& f) {
     if (full.dots) return draw_dots(plot, full, color, f);
     const PlotSeries s = thin(full);
-    std::string svg = format("<polyline fill=\"none\" stroke=\"%s\" stroke-width=\"1.6\" points=\"", color);
+    std::string svg =
+        format("<polyline fill=\"none\" stroke=\"%s\" stroke-width=\"1.6\" data-name=\"", color) + escape_html(s.name) + "\" points=\"";
     for (size_t i = 0; i < s.x.size(); ++i)
         if (std::isfinite(s.y[i])) svg += format("%.1f,%.1f ", f.px(scaled_x(plot, s.x[i])), f.py(s.y[i]));
     return svg + "\"/>";
+}
+
+// What the page's script needs to tell values and times.
+std::string cursor_data(const Plot& plot, const PlotFrame& f) {
+    std::string data = cursor_attribute(kLeft, kWidth - kRight, kTop, kHeight - kBottom, f.x.low, f.x.high, f.y.low, f.y.high) +
+                       " data-unit=\"" + escape_html(plot.y_label) + "\" data-over=\"" + escape_html(plot.x_label) + "\"";
+    if (plot.log_x_from > 0) data += " data-log=\"\"";
+    if (plot.x_label == kTimeLabel) data += " data-time=\"\"";
+    if (plot.event_time.empty()) return data;
+    data += " data-times=\"";
+    for (size_t i = 0; i < plot.event_time.size(); ++i) data += format(i == 0 ? "%.3f" : " %.3f", plot.event_time[i]);
+    return data + "\"";
 }
 
 // Names of several series in their colours, right to left, and the number of values beyond the top.
@@ -185,11 +198,17 @@ std::string draw_legend(const Plot& plot, const PlotFrame& f) {
 
 }  // namespace
 
+std::string cursor_attribute(double left, double right, double top, double bottom, double x_low, double x_high, double y_low,
+                             double y_high) {
+    return format(" data-plot=\"%g %g %g %g %.9g %.9g %.9g %.9g\"", left, right, top, bottom, x_low, x_high, y_low, y_high);
+}
+
 std::string svg_plot(const Plot& plot) {
-    std::string svg = format("<svg viewBox=\"0 0 %g %g\" role=\"img\">", kWidth, kHeight);
-    svg += "<text class=\"t\" x=\"8\" y=\"18\">" + escape_html(plot.title) + "</text>";
     PlotFrame f;
-    if (!find_frame(plot, f)) return svg + format("<text x=\"%g\" y=\"%g\">no data</text></svg>", kLeft, kHeight / 2);
+    const bool drawn = find_frame(plot, f);
+    std::string svg = format("<svg viewBox=\"0 0 %g %g\" role=\"img\"", kWidth, kHeight) + (drawn ? cursor_data(plot, f) : "") + ">";
+    svg += "<text class=\"t\" x=\"8\" y=\"18\">" + escape_html(plot.title) + "</text>";
+    if (!drawn) return svg + format("<text x=\"%g\" y=\"%g\">no data</text></svg>", kLeft, kHeight / 2);
     svg += draw_axes(plot, f);
     for (size_t k = plot.series.size(); k-- > 0;) svg += draw_series(plot, plot.series[k], kColors[k % std::size(kColors)], f);
     svg += draw_legend(plot, f);

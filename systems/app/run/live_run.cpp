@@ -203,7 +203,7 @@ void first_device_states(World& world) {
 int64_t time_let_go(int64_t behind, int64_t period) { return behind > period ? behind : 0; }
 
 bool run_live(const RunParts& run, LiveRecording* recording) {
-    const auto& [options, seconds, frame, pictures, recorder, figures, watch] = run;
+    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player] = run;
     World& world = frame.world();
     TickCollector collector(recording);
     collector.begin(world, seconds);
@@ -255,6 +255,7 @@ bool run_live(const RunParts& run, LiveRecording* recording) {
         if (frame.times().picture && drawing) drawing->publish(world.picture), ++published;
         pass.frame_ms = static_cast<double>(monotonic_ns() - pass_start) * 1e-6;
         if (recorder) recorder->after_pass(pass);
+        if (player) player->after_pass(frame, frame.times().stage_ns);
         add_stage_times(frame, figures);
         figures.pass.push_back(pass);
         record_tools(frame, figures.tool_sample);

@@ -2,6 +2,7 @@
 #include "systems/app/capture/capture.hpp"
 #include "systems/app/console/commands.hpp"
 #include "systems/app/pictures/picture_writer.hpp"
+#include "systems/app/player/player_recorder.hpp"
 #include "systems/app/report/figures.hpp"
 #include "systems/app/run/live_recording.hpp"
 #include "systems/app/run/run_watch.hpp"
@@ -29,7 +30,8 @@ struct RunParts {
     PictureWriter* pictures;  // may be null
     FrameRecorder* recorder;  // of captures; may be null
     RunFigures& figures;
-    RunWatch* watch = nullptr;  // may be null
+    RunWatch* watch = nullptr;         // may be null
+    PlayerRecorder* player = nullptr;  // may be null
 };
 
 // Runs a frame against the real clock: this thread simulates, haptics tick at 1 kHz on their own thread, and a

@@ -28,6 +28,7 @@
 #include "systems/app/console/stop_signal.hpp"
 #include "systems/app/console/version.hpp"
 #include "systems/app/pictures/picture_writer.hpp"
+#include "systems/app/player/player_page.hpp"
 #include "systems/app/report/figures.hpp"
 #include "systems/app/report/report_page.hpp"
 #include "systems/app/report/run_costs.hpp"
@@ -134,7 +135,7 @@ void print_warnings(const std::vector<std::string>& warnings) {
 
 // Runs as fast as possible in one deterministic order, freely or following a recorded live run.
 void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
-    const auto& [options, seconds, frame, pictures, recorder, figures, watch] = run;
+    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player] = run;
     std::map<uint64_t, std::string_view> names;
     CostMeter costs;
     Progress progress(figures.scene);
@@ -166,6 +167,7 @@ void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
             if (options.export_every > 0 && !options.out.empty() && (frame.world().clock.picture - 1) % options.export_every == 0)
                 attempt(figures, [&] { export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture - 1); });
         }
+        if (player) player->after_pass(frame, frame.times().stage_ns);
         add_stage_times(frame, figures);
         for (const uint64_t ns : frame.times().tick_ns) figures.tick_us.push_back(static_cast<double>(ns) * 1e-3);
         figures.pass.push_back(pass);
@@ -410,7 +412,8 @@ std::string machine_text() {
 namespace {
 
 // Writes the files of a run into options.out, except pictures and captures, which exist already.
-void write_outputs(const RunOptions& options, Frame& frame, Trace& trace, PictureWriter* pictures, RunFigures& figures) {
+void write_outputs(const RunOptions& options, Frame& frame, Trace& trace, PictureWriter* pictures, const Camera& camera,
+                   PlayerRecorder* player, RunFigures& figures) {
     write_whole_file(options.out / "passes.csv", passes_csv(figures));
     write_whole_file(options.out / "metrics.json", metrics_json(figures));
     if (!figures.tool.empty()) write_tools(options.out, figures);
@@ -426,7 +429,11 @@ void write_outputs(const RunOptions& options, Frame& frame, Trace& trace, Pictur
     const std::string film = pictures ? pictures->finish_film() : "";
     std::vector<size_t> worst = worst_passes(figures, 6);
     for (size_t& pass : worst) pass = picture_of_pass(figures, pass);
-    const ReportMedia media = pictures ? embed_media(options.out, pictures->files(), film, worst) : ReportMedia{};
+    ReportMedia media = pictures ? embed_media(options.out, pictures->files(), film, worst) : ReportMedia{};
+    if (player)
+        media.player = player_section(*player, figures.scene, camera);
+    else if (options.player)
+        media.player = missing_player_section();
     write_whole_file(options.out / "report.html", report_html(figures, media));
 }
 
@@ -496,9 +503,18 @@ int run_command(const RunOptions& options) {
         if (!options.capture.empty())
             recorder.emplace(frame, capture_header(scene, figures), triggers, options.out / "captures", FrameRecorder::kMostKeptBytes,
                              static_cast<uint64_t>(std::min(seconds, 1e6) * frame.world().clock.contact_rate));
+        std::optional<PlayerRecorder> player;
+        if (options.player && has_player() && !options.out.empty() && !options.figures_only) player.emplace(frame);
         RunWatch watch(frame.world());
         print_warnings(watch.take_warnings());
-        const RunParts run{options, seconds, frame, pictures ? &*pictures : nullptr, recorder ? &*recorder : nullptr, figures, &watch};
+        const RunParts run{options,
+                           seconds,
+                           frame,
+                           pictures ? &*pictures : nullptr,
+                           recorder ? &*recorder : nullptr,
+                           figures,
+                           &watch,
+                           player ? &*player : nullptr};
         if (options.live)
             run_recorded(run);
         else
@@ -508,7 +524,7 @@ int run_command(const RunOptions& options) {
         print_warnings(watch.take_warnings());
         figures.ruin = watch.ruin();
         finish_figures(frame, figures);
-        if (!options.out.empty()) write_outputs(options, frame, trace, run.pictures, figures);
+        if (!options.out.empty()) write_outputs(options, frame, trace, run.pictures, scene.camera, run.player, figures);
     });
     return tell_of_run(options, figures);
 }
