@@ -293,6 +293,56 @@ void let_go(const Haptics& haptics, const Contacts& contacts, std::vector<uint8_
     }
 }
 
+// Appends a copy of a constraint that contact memory does not keep.
+void repeat_constraint(uint32_t from, ContactConstraints& constraints) {
+    const size_t to = constraints.body.size();
+    resize_constraints(constraints, to + 1);
+    constraints.contact[to] = kNone;
+    constraints.body[to] = constraints.body[from], constraints.other[to] = constraints.other[from];
+    constraints.vertex[to] = constraints.vertex[from], constraints.third[to] = constraints.third[from];
+    constraints.along[to] = constraints.along[from], constraints.across[to] = constraints.across[from];
+    constraints.friction[to] = constraints.friction[from];
+}
+
+// A corner that has dented tissue touches several triangles of the dent at once, of which its contact has the nearest: left to
+// it alone, the point goes through the others in turn, from pass to pass. Adds the planes of the neighbours across a
+// concave edge above whose triangles the point is, or nearly.
+void add_dent_planes(const ContactInputs& in, const Contacts& contacts, const Haptics& haptics, ContactConstraints& constraints) {
+    constexpr double kNearly = 0.1;  // of a mean edge; of 0.05 to 1 what left 24 held corners stillest and their mean unchanged
+    constexpr double kFlat = 1e-3;   // of a mean edge
+    const Surfaces& s = in.surfaces;
+    std::vector<uint8_t> turns(s.bodies.mesh.size(), 0);
+    for (const HandTool& t : haptics.tool) turns[t.body] = !t.point_shell.empty();
+    const uint32_t count = uint32_t(constraints.body.size());
+    for (uint32_t c = 0; c < count; ++c) {
+        const uint32_t i = constraints.contact[c], other = constraints.other[c];
+        const bool corner_of_tool = turns[constraints.body[c]] && contacts.vertex[i][0] == contacts.vertex[i][1];
+        if (!corner_of_tool || contacts.third[i] != kNone || !is_deformable(s.bodies, other)) continue;
+        const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[other]);
+        const double nearly = kNearly * mesh.info->mean_edge;
+        const auto corners_of = [&](const Triangle& t) {
+            return std::array{vertex_position(s, other, t[0]), vertex_position(s, other, t[1]), vertex_position(s, other, t[2])};
+        };
+        const auto normal_of = [](const std::array<Vec3d, 3>& at) { return triangle_normal(at[0], at[1], at[2]).normalized(); };
+        const auto mine = corners_of(mesh.triangle[contacts.triangle[i]]);
+        const Vec3d normal = normal_of(mine), &p = contacts.point[i];
+        for (const uint32_t neighbour : mesh.neighbour[contacts.triangle[i]]) {
+            if (neighbour == kNone) continue;
+            const auto at = corners_of(mesh.triangle[neighbour]);
+            if (std::ranges::none_of(at, [&](const Vec3d& q) { return normal.dot(q - mine[0]) > kFlat * mesh.info->mean_edge; })) continue;
+            const Vec3d across = normal_of(at);
+            const double distance = across.dot(p - at[0]);
+            const Vec3d foot = p - distance * across;
+            if (!(distance < nearly && closest_point_on_triangle(foot, at[0], at[1], at[2]).squared_distance <= nearly * nearly)) continue;
+            repeat_constraint(c, constraints);
+            constraints.triangle.back() = mesh.triangle[neighbour];
+            constraints.weight.back() = barycentric(foot, at[0], at[1], at[2]);
+            constraints.normal.back() = across;
+            constraints.distance.back() = distance;
+        }
+    }
+}
+
 constexpr uint32_t kConstraintsPerChunk = 512;
 
 }  // namespace
@@ -323,6 +373,7 @@ void make_contact_constraints(const ContactInputs& in, const Contacts& contacts,
     });
     drop_contacts(in.params.tolerance, contacts, scratch);
     remove_constraints(scratch.dropped, constraints);
+    add_dent_planes(in, contacts, haptics, constraints);
 }
 
 }  // namespace trocar

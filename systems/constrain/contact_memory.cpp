@@ -17,6 +17,11 @@ constexpr float kSamePoint = 0.1f;
 constexpr double kRestingDepth = 5e-5;
 constexpr uint32_t kConstraintsPerChunk = 1024, kEdgesPerChunk = 128;
 
+// One more plane for a point that has a contact: the point is remembered by that.
+bool is_dent_plane(const ContactConstraints& c, uint32_t index) {
+    return c.contact[index] == kNone && c.vertex[index][0] == c.vertex[index][1];
+}
+
 PointKey key_of(uint32_t body, uint32_t other, const std::array<uint32_t, 2>& vertex, uint32_t third) {
     const uint64_t first = std::min(body, other), second = std::max(body, other);
     const uint64_t side = body > other, face = third != kNone, edge = vertex[0] != vertex[1];
@@ -215,6 +220,7 @@ void mark_loaded(const Surfaces& s, const ContactMemory& memory, const ContactMe
 void recall_contacts(const ContactMemory& memory, const ContactMemoryOrder& order, ContactConstraints& constraints) {
     constraints.warm_start.assign(constraints.body.size(), Vec3d::Zero());
     for_each_remembered(memory, order, constraints, [&](uint32_t constraint, uint32_t m) {
+        if (is_dent_plane(constraints, constraint)) return;
         if (!(constraints.distance[constraint] < -kRestingDepth)) constraints.warm_start[constraint] = memory.force[m];
     });
 }
@@ -228,6 +234,7 @@ void remember_contacts(const ContactConstraints& constraints, ContactMemory& mem
     for (uint32_t constraint = 0; constraint < constraints.warm_start.size(); ++constraint) {
         const bool edge = constraints.vertex[constraint][0] != constraints.vertex[constraint][1];
         const bool ahead = constraints.contact[constraint] == kNone && constraints.distance[constraint] > 0;  // speculative edge contacts
+        if (is_dent_plane(constraints, constraint)) continue;
         if ((constraints.impulse[constraint] == Vec3d::Zero() && (!edge || ahead)) || constraints.third[constraint] != kNone) continue;
         memory.body.push_back(constraints.body[constraint]);
         memory.other.push_back(constraints.other[constraint]);

@@ -121,6 +121,19 @@ TEST(ToolInside, LeavesByTheShortestWay) {
         }
 }
 
+// The body that lets a tool go is the other one, also where the deepest point is one of the tissue inside the tool. Breaks when that
+// point's other body, the tool, is taken.
+TEST(ToolInside, IsInsideTheOtherBody) {
+    for (const int dof : {3, 6})
+        for (const double size : {0.012, 0.04, 0.06})
+            for (const char* tool : {"sphere", "box"}) {
+                const WrittenScene scene("other", organ_and_tool("box", tool, dof, {0.002, 0.001, 0.003}, size, false));
+                run(scene.build({{"organ.size", "0.02"}}).world, 1, [&](const Frame& frame, int) {
+                    EXPECT_EQ(frame.world().haptics.state[0].exit.body, 0u) << tool << " of " << size << " m";
+                });
+            }
+}
+
 // Nothing above the cap is sent; what was wanted is kept apart.
 TEST(ToolInside, SentAndWantedForcesAreReportedApart) {
     for (const int dof : {3, 6}) {

@@ -648,6 +648,28 @@ double gather_nodes(const AdvanceCall& call, const Particles& particles, Advance
     return finite ? std::sqrt(most[0] + most[1] + most[2]) : std::numeric_limits<double>::infinity();
 }
 
+// Whether a hand presses tissue against something else on its other side.
+bool hand_pinches(const ContactSolver& solver, const AdvanceIsland& island) {
+    const auto is_hand = [&](uint32_t rigid) { return rigid != kNone && island.rigid[rigid].tool != kNone; };
+    const auto any_active = [&](const auto& test) {
+        return std::any_of(solver.group.begin(), solver.group.begin() + solver.colour[4], [&](const ConstraintGroup& group) {
+            return std::ranges::any_of(group.active, [&](uint32_t i) { return test(solver.prepared[i]); });
+        });
+    };
+    const auto presses = [](const PreparedConstraint& c, uint32_t node) {
+        return std::find(c.node.begin(), c.node.begin() + c.nodes, node) != c.node.begin() + c.nodes;
+    };
+    return any_active([&](const PreparedConstraint& c) {
+        const uint32_t hand = is_hand(c.rigid_a) ? c.rigid_a : c.rigid_b;
+        return is_hand(hand) && std::any_of(c.node.begin(), c.node.begin() + c.nodes, [&](uint32_t node) {
+                   return island.nodes.change.conflicting[node] && island.nodes.node[node].particle != kNone &&
+                          any_active([&](const PreparedConstraint& other) {
+                              return other.rigid_a != hand && other.rigid_b != hand && presses(other, node);
+                          });
+               });
+    });
+}
+
 }  // namespace
 
 double solve_constraint(AdvanceIsland& island, PreparedConstraint& c) {
@@ -808,7 +830,8 @@ void apply_impulses(const AdvanceCall& call, ContactComponents& components, Cont
                 for (const uint32_t i : group.active) solve_constraint(island, solver.prepared[i]);
             });
     } else {
-        const uint32_t sweeps = std::max(call.params.contact.iterations, island.nodes.embedded_point.empty() ? 1 : kEmbeddedSweeps);
+        const uint32_t least = hand_pinches(solver, island) ? kPinchedSweeps : island.nodes.embedded_point.empty() ? 1 : kEmbeddedSweeps;
+        const uint32_t sweeps = std::max(call.params.contact.iterations, least);
         for (uint32_t iteration = 0; iteration < sweeps; iteration += kSweepsAtOnce) {
             for_each_group(solver, [&](ConstraintGroup& group) {
                 for (uint32_t sweep = iteration; sweep < std::min(sweeps, iteration + kSweepsAtOnce); ++sweep) {

@@ -70,7 +70,7 @@ std::vector<InsidePoint> inside_points(const ContactInputs& in, const Contacts& 
 ToolExit shortest_exit(const ContactInputs& in, std::span<const InsidePoint> points, const Vec3d& normal, double depth,
                        const ToolExit& before) {
     double best = std::numeric_limits<double>::infinity();
-    ToolExit exit{points[0].other, normal, {}};
+    ToolExit exit{kNone, normal, {}};
     const auto try_way = [&](const Vec3d& way) {
         const double out = distance_out(in, points, way, best);
         if (out < best) best = out, exit.way = way;
@@ -102,6 +102,7 @@ void find_tools_inside(const ContactInputs& in, const Contacts& contacts, Haptic
         report.tools_inside += before.body == kNone;
         const Vec3d normal = points[0].sign * contacts.normal[deepest];
         state.exit = shortest_exit(in, points, normal, depth, before);
+        state.exit.body = points[0].sign > 0 ? contacts.other[deepest] : contacts.body[deepest];
         state.exit.goal += state.pushed;
     }
 }

@@ -367,8 +367,9 @@ double shell_gap(const HandTool& tool, const ToolState& state, uint32_t body, co
     return force > 0 ? sum / force : 0;
 }
 
-// Sets the surface of a body within `near` (m) of a point to `velocity` (m/s), decreasing up to `far`.
-void take_along(uint32_t body, const Vec3d& point, const Vec3d& velocity, double near, double far, LocalContactModel& out) {
+// Sets the surface of a body within `near` (m) of a tool to the tool's velocity, decreasing up to twice as far.
+template <typename SquaredDistance, typename VelocityAt>  // m2 and m/s, at a place
+void take_along(uint32_t body, double near, const SquaredDistance& distance2_to, const VelocityAt& velocity_at, LocalContactModel& out) {
     const auto first = std::find(out.body.begin(), out.body.end(), body);
     if (first == out.body.end()) return;
     // vertices are stored in the order of first use, so those of a body are contiguous
@@ -377,10 +378,27 @@ void take_along(uint32_t body, const Vec3d& point, const Vec3d& velocity, double
     };
     const size_t end = vertex_of(std::find_if(first, out.body.end(), [&](uint32_t b) { return b != body; }));
     for (size_t v = vertex_of(first); v < end; ++v) {
-        const double away = (out.position[v] - point).norm();
-        out.velocity[v] += std::clamp((far - away) / (far - near), 0.0, 1.0) * (velocity - out.velocity[v]);
+        const double share = std::clamp((2 * near - std::sqrt(distance2_to(out.position[v]))) / near, 0.0, 1.0);
+        if (share > 0) out.velocity[v] += share * (velocity_at(out.position[v]) - out.velocity[v]);
     }
-    bound_groups(out, body);
+}
+
+// Tissue that a point shell presses moves with it, not as its vertices do before a contact has stopped or taken them.
+void take_along_with_shell(const Surfaces& surfaces, const HandTool& tool, const ToolState& state, LocalContactModel& out) {
+    const Vec3d velocity = surfaces.poses.velocity[tool.body], spin = surfaces.poses.angular_velocity[tool.body],
+                origin = surfaces.poses.origin[tool.body];
+    const auto velocity_at = [&](const Vec3d& place) { return Vec3d(velocity + spin.cross(place - origin)); };
+    for (size_t begin = 0, end = 0; begin < state.contact.size(); begin = end) {
+        const uint32_t body = state.contact[begin].body;
+        while (end < state.contact.size() && state.contact[end].body == body) ++end;
+        if (!is_deformable(surfaces.bodies, body)) continue;
+        const auto distance2_to = [&](const Vec3d& place) {
+            double least = std::numeric_limits<double>::infinity();
+            for (size_t k = begin; k < end; ++k) least = std::min(least, (place - out.tip - state.contact[k].arm).squaredNorm());
+            return least;
+        };
+        take_along(body, 1.5 * surfaces.meshes.info[surfaces.bodies.mesh[body]].mean_edge, distance2_to, velocity_at, out);
+    }
 }
 
 // Stiffness (N/m) of tissue against a tip of a radius that begins to touch it and goes in by `depth` (m) until the next
@@ -401,15 +419,35 @@ double stiffness_at_first_touch(const Surfaces& surfaces, uint32_t body, double 
     return area * tissue.youngs_modulus / tissue.depth;
 }
 
+// Height (m) of a tip above the surface that it rests on; infinite if that is farther than kMostGap.
+constexpr double kMostGap = 5e-4;  // m
+double gap_to(const Surfaces& surfaces, uint32_t body, double radius, const Vec3d& tip, const Vec3d& normal, const LocalContactModel& out) {
+    const double offset = radius + thickness_of(surfaces, body) / 2;
+    return height_above(out, body, tip, normal, offset + kMostGap) - offset;
+}
+
+// The body that a tip presses: if that is another hand's tool with tissue between both, the tissue, which moves with the tip.
+uint32_t pressed_body(const Surfaces& surfaces, const HandTool& tool, const ToolState& state, const Vec3d& tip,
+                      const LocalContactModel& out) {
+    const double force = state.command.force.norm();
+    if (state.contacts == 0 || state.touched == kNone || !(force > 0)) return kNone;
+    if (!tool.point_shell.empty() || surfaces.bodies.motion[state.touched] != Motion::kHand) return state.touched;
+    for (uint32_t body = state.touched; const TriangleGroup& group : out.group) {
+        if (group.body == body || !is_deformable(surfaces.bodies, group.body)) continue;
+        body = group.body;
+        if (std::abs(gap_to(surfaces, body, tool.tip_radius, tip, state.command.force / force, out)) <= kMostGap) return body;
+    }
+    return state.touched;
+}
+
 void predict_compliance(const Surfaces& surfaces, const HandTool& tool, ToolState& state, LocalContactScratch& scratch,
                         LocalContactModel& out) {
-    constexpr double kMostGap = 5e-4;  // m
     out.compliance = {};
     out.pull = state.link_force, out.pull_before = state.link_force_before;
     const uint32_t body = tool.body;
     const Vec3d arm = rotate(surfaces.poses.orientation[body], tool.tip), tip = surfaces.poses.origin[body] + arm;
     const double force = state.command.force.norm();
-    const ToolPass now{state.contacts > 0 && force > 0 ? state.touched : kNone, tip, state.device.position};
+    const ToolPass now{pressed_body(surfaces, tool, state, tip, out), tip, state.device.position};
     const ToolPass before = state.last_pass;
     state.last_pass = now;
     if (now.touched == kNone) return;
@@ -424,16 +462,17 @@ void predict_compliance(const Surfaces& surfaces, const HandTool& tool, ToolStat
             {0, 0, 0}};
         return;
     }
-    const double half_thickness = thickness_of(surfaces, now.touched) / 2;
-    const double gap =
-        height_above(out, now.touched, tip, normal, tool.tip_radius + half_thickness + kMostGap) - tool.tip_radius - half_thickness;
+    const double gap = gap_to(surfaces, now.touched, tool.tip_radius, tip, normal, out);
     if (!(std::abs(gap) <= kMostGap)) return;
     Vec3d slip = tip - state.proxy - normal.dot(tip - state.proxy) * normal;
     if (!state.proxy_valid || slip.norm() > kMostGap) slip.setZero();
     out.compliance = {now.touched, share, normal, now.device, state.motion.velocity(), state.device.time, gap, slip};
     if (!deformable) return;  // its velocities describe its motion
     const double near = tool.tip_radius + 1.5 * surfaces.meshes.info[surfaces.bodies.mesh[now.touched]].mean_edge;
-    take_along(now.touched, tip, surfaces.poses.velocity[body] + surfaces.poses.angular_velocity[body].cross(arm), near, 2 * near, out);
+    const Vec3d velocity = surfaces.poses.velocity[body] + surfaces.poses.angular_velocity[body].cross(arm);
+    take_along(
+        now.touched, near, [&](const Vec3d& place) { return (place - tip).squaredNorm(); }, [&](const Vec3d&) { return velocity; }, out);
+    bound_groups(out, now.touched);
 }
 
 }  // namespace
@@ -471,6 +510,7 @@ void publish_local_contact(const HapticParams& params, const Surfaces& surfaces,
         mark_within_reach(params, surfaces, body, tool, state, reach, scratch, out);
         add_body(surfaces, body, half_thickness, speed, scratch, out);
     }
+    if (out.placed) take_along_with_shell(surfaces, tool, state, out);
     group_triangles(out);
     if (!tool.point_shell.empty()) publish_point_shell_cache(params, tool, state, scratch, out);
 }
@@ -549,13 +589,13 @@ void publish_compliance(const Surfaces& surfaces, const HandTool& tool, ToolStat
                         LocalContactModel& out) {
     const uint32_t before = state.last_pass.touched;
     predict_compliance(surfaces, tool, state, scratch, out);
-    if (!tool.point_shell.empty()) return;  // touches at many points, each of unknown stiffness
     const uint32_t known = state.last_pass.touched == before ? out.compliance.body : kNone;
     for (uint32_t body = kNone; const TriangleGroup& group : out.group) {
         if (group.body == body || group.body == known) continue;
         body = group.body;
         if (!is_deformable(surfaces.bodies, body) || body == out.exit.body) continue;
-        double stiffness = stiffness_at_first_touch(surfaces, body, tool.tip_radius, state.device.velocity.norm() * out.period);
+        const double radius = tool.point_shell.empty() ? tool.tip_radius : 0;  // of a shell a corner may touch
+        double stiffness = stiffness_at_first_touch(surfaces, body, radius, state.device.velocity.norm() * out.period);
         // where contacts leave no surface under the tip, the hand feels at least what the tissue bears
         if (body == state.last_pass.touched && state.proxy_valid) {
             const double series = state.coupling_force.norm() / (state.proxy - state.device.position).norm();
