@@ -47,6 +47,7 @@ TROCAR_LANES D load_wide(const double* p) { return _mm256_loadu_pd(p); }
 TROCAR_LANES void keep_store(double* p, D v) { _mm256_storeu_pd(p, v); }
 TROCAR_LANES D widened(const float* p) { return _mm256_cvtps_pd(_mm_loadu_ps(p)); }
 TROCAR_LANES D widened(V v, int half) { return _mm256_cvtps_pd(half ? _mm256_extractf128_ps(v, 1) : _mm256_castps256_ps128(v)); }
+TROCAR_LANES V narrowed(D low, D high) { return _mm256_set_m128(_mm256_cvtpd_ps(high), _mm256_cvtpd_ps(low)); }
 TROCAR_LANES D multiply_add(D a, D b, D c) { return _mm256_fmadd_pd(a, b, c); }
 TROCAR_LANES D multiply_subtract(D a, D b, D c) { return _mm256_fmsub_pd(a, b, c); }
 TROCAR_LANES D subtract_product(D c, D a, D b) { return _mm256_fnmadd_pd(a, b, c); }

@@ -44,6 +44,9 @@ TROCAR_LANES D load_wide(const double* p) { return _mm512_loadu_pd(p); }
 TROCAR_LANES void keep_store(double* p, D v) { _mm512_storeu_pd(p, v); }
 TROCAR_LANES D widened(const float* p) { return _mm512_cvtps_pd(_mm256_loadu_ps(p)); }
 TROCAR_LANES D widened(V v, int half) { return _mm512_cvtps_pd(half ? _mm512_extractf32x8_ps(v, 1) : _mm512_castps512_ps256(v)); }
+TROCAR_LANES V narrowed(D low, D high) {
+    return _mm512_insertf32x8(_mm512_castps256_ps512(_mm512_cvtpd_ps(low)), _mm512_cvtpd_ps(high), 1);
+}
 TROCAR_LANES D multiply_add(D a, D b, D c) { return _mm512_fmadd_pd(a, b, c); }
 TROCAR_LANES D multiply_subtract(D a, D b, D c) { return _mm512_fmsub_pd(a, b, c); }
 TROCAR_LANES D subtract_product(D c, D a, D b) { return _mm512_fnmadd_pd(a, b, c); }

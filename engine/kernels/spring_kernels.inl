@@ -18,10 +18,21 @@ TROCAR_LANES V to_goal(const SpringStep* body, const Goals& rest, int axis, V x)
     const V goal = turned(body->turn + 3 * axis, turned(body->turn_rest + 3 * axis, set(0)));
     return goal - ((x - set(body->centre[axis])) - set(body->centre_rest[axis]));
 }
+// The same from x + remainder.
+TROCAR_LANES V to_goal_exactly(const SpringStep* body, const Goals& rest, int axis, V x, V remainder) {
+    const auto turn = [&](int i) { return set_wide(double(body->turn[3 * axis + i]) + double(body->turn_rest[3 * axis + i])); };
+    const D centre = set_wide(double(body->centre[axis]) + double(body->centre_rest[axis]));
+    const auto half = [&](int h) __attribute__((always_inline)) {
+        const D from = (centre - widened(x, h)) - widened(remainder, h);
+        return multiply_add(turn(0), widened(rest.x, h),
+                            multiply_add(turn(1), widened(rest.y, h), multiply_add(turn(2), widened(rest.z, h), from)));
+    };
+    return narrowed(half(0), half(1));
+}
 TROCAR_LANES V squared_length(V x, V y, V z) { return multiply_add(x, x, multiply_add(y, y, z * z)); }
 
-// kVaried: springs differ in stiffness. kPacked: columns are read from `packed`.
-template <bool kVaried, bool kPacked>
+// kVaried: springs differ in stiffness. kPacked: columns are read from `packed`. kStiff: forces of positions with their remainders.
+template <bool kVaried, bool kPacked, bool kStiff>
 void step_springs(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
     const V one = set(1.0f), zero = set(0);
     const unsigned long first_half = 16ul * body->first_column;
@@ -37,7 +48,11 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
             const Lanes q =
                 kPacked ? gather4_near(body->offset, packed, long{16 * slice} - 32768) : gather4(body->offset, body->neighbour + h + lane);
             const V rest = kPacked ? widen(packed + 16) * set(body->rest_unit) : load(body->rest_length + h + lane);
-            const V dx = q.x - p.x, dy = q.y - p.y, dz = q.z - p.z;
+            const auto apart = [&](V to, V from, const float* remainder) __attribute__((always_inline)) {
+                return kStiff ? (to - from) + (gather(remainder, body->neighbour + h + lane) - load(remainder + base)) : to - from;
+            };
+            const V dx = apart(q.x, p.x, body->remainder_x), dy = apart(q.y, p.y, body->remainder_y),
+                    dz = apart(q.z, p.z, body->remainder_z);
             const V length = root(squared_length(dx, dy, dz));
             V tension = where_positive(length, one - rest / length);
             if (kVaried) tension = tension * load(body->spring_factor + h + lane);
@@ -51,9 +66,12 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
         if (any_in_slice(body->anchor_stiffness + 16 * slice)) {  // a slice that nothing holds has no goals to read
             const V anchor = load(body->anchor_stiffness + base);
             const Goals goals = load_goals(body, base);
-            fx = multiply_add(anchor, to_goal(body, goals, 0, p.x), fx);
-            fy = multiply_add(anchor, to_goal(body, goals, 1, p.y), fy);
-            fz = multiply_add(anchor, to_goal(body, goals, 2, p.z), fz);
+            const auto goal = [&](int axis, V x, const float* remainder) __attribute__((always_inline)) {
+                return kStiff ? to_goal_exactly(body, goals, axis, x, load(remainder + base)) : to_goal(body, goals, axis, x);
+            };
+            fx = multiply_add(anchor, goal(0, p.x, body->remainder_x), fx);
+            fy = multiply_add(anchor, goal(1, p.y, body->remainder_y), fy);
+            fz = multiply_add(anchor, goal(2, p.z, body->remainder_z), fz);
         }
         if (body->force_x) fx = fx + load(body->force_x + base), fy = fy + load(body->force_y + base), fz = fz + load(body->force_z + base);
 
@@ -87,23 +105,26 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
         const V dt = set(body->dt);
         Lanes next = {multiply_add(nx, dt, p.x), multiply_add(ny, dt, p.y), multiply_add(nz, dt, p.z), p.w};
         if (body->remainder_x) {
-            const auto advance_with_remainder = [&](float* remainder, V v, V from) __attribute__((always_inline)) {
+            const auto advance_with_remainder = [&](const float* remainder, float* new_remainder, V v, V from)
+                __attribute__((always_inline)) {
                 const V displacement = multiply_add(v, dt, load(remainder + base));
                 const V to = from + displacement;
-                keep_store(remainder + base, displacement - (to - from));
+                keep_store(new_remainder + base, displacement - (to - from));
                 return to;
             };
-            next.x = advance_with_remainder(body->remainder_x, nx, p.x);
-            next.y = advance_with_remainder(body->remainder_y, ny, p.y);
-            next.z = advance_with_remainder(body->remainder_z, nz, p.z);
+            next.x = advance_with_remainder(body->remainder_x, body->new_remainder_x, nx, p.x);
+            next.y = advance_with_remainder(body->remainder_y, body->new_remainder_y, ny, p.y);
+            next.z = advance_with_remainder(body->remainder_z, body->new_remainder_z, nz, p.z);
         }
         store4(body->new_offset + 4ul * base, next);
     }
 }
 
 void step(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
-    const auto kernel = body->packed ? (body->spring_factor ? step_springs<true, true> : step_springs<false, true>)
-                                     : (body->spring_factor ? step_springs<true, false> : step_springs<false, false>);
+    const bool varied = body->spring_factor;
+    const auto kernel = body->stiff    ? (varied ? step_springs<true, false, true> : step_springs<false, false, true>)
+                        : body->packed ? (varied ? step_springs<true, true, false> : step_springs<false, true, false>)
+                                       : (varied ? step_springs<true, false, false> : step_springs<false, false, false>);
     kernel(body, first, last, damping_work);
 }
 
@@ -120,7 +141,11 @@ void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* s
             const D k = widened(body->anchor_stiffness + base), m = mass_of(x[3]);
             const D r[3] = {widened(body->anchor_x + base), widened(body->anchor_y + base), widened(body->anchor_z + base)};
             const D v[3] = {widened(body->velocity_x + base), widened(body->velocity_y + base), widened(body->velocity_z + base)};
-            for (int i = 0; i < 3; ++i) x[i] = subtract_product(x[i], back, v[i]);
+            const float* const remainder[3] = {body->remainder_x, body->remainder_y, body->remainder_z};
+            for (int i = 0; i < 3; ++i) {
+                if (body->stiff) x[i] = x[i] + widened(remainder[i] + base);
+                x[i] = subtract_product(x[i], back, v[i]);
+            }
             total[kSumK] = total[kSumK] + k;
             total[kSumM] = total[kSumM] + m;
 #pragma GCC unroll 3

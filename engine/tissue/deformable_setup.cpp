@@ -152,6 +152,10 @@ void update_stable_dt(const Springs& springs, uint32_t body, const Particles& pa
     const double damping = bodies.tissue[body].damping;
     bodies.stable_dt[body] = omega_squared > 0 ? kStableShare * (std::sqrt(damping * damping + 4 * omega_squared) - damping) / omega_squared
                                                : std::numeric_limits<double>::infinity();
+    double radius = 0;
+    for (uint32_t p = range.first; p < range.end(); ++p)
+        radius = std::max(radius, std::hypot(double{particles.offset[p].x}, double{particles.offset[p].y}, double{particles.offset[p].z}));
+    if (is_heated_by_rounding(radius, bodies.stable_dt[body])) bodies.stable_dt[body] *= kStiffShare / kStableShare;
 }
 
 uint32_t substeps_for(double seconds, double stable_dt, double largest) {

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <iterator>
 
 #include "engine/base/error.hpp"
 #include "engine/distance/box_tree.hpp"
@@ -14,6 +15,7 @@ namespace {
 
 using Tetrahedron = std::array<uint32_t, 4>;
 constexpr uint32_t kVerticesPerChunk = 2048;
+constexpr double kSliver = 1e-3;  // height of a triangle / its longest side; a round number
 
 std::array<double, 4> weights_in(std::span<const Vec3d> node, const Tetrahedron& t, const Vec3d& p) {
     const Vec3d &o = node[t[0]], a = node[t[1]] - o, b = node[t[2]] - o, c = node[t[3]] - o, q = p - o;
@@ -133,7 +135,14 @@ SurfaceEmbedding bind_skin(std::span<const Vec3d> point, std::span<const Vec3d> 
     return skin;
 }
 
-SurfaceEmbedding bind_to_surface(std::span<const Vec3d> point, std::span<const Vec3d> node, std::span<const Triangle> triangle) {
+SurfaceEmbedding bind_to_surface(std::span<const Vec3d> point, std::span<const Vec3d> node, std::span<const Triangle> surface) {
+    // what is bound to a sliver would move with a multiple of its corners' differences; the triangles beside it are as near
+    std::vector<Triangle> triangle;
+    std::ranges::copy_if(surface, std::back_inserter(triangle), [&](const Triangle& t) {
+        const Vec3d ab = node[t[1]] - node[t[0]], ac = node[t[2]] - node[t[0]];
+        return ab.cross(ac).norm() > kSliver * std::max({ab.squaredNorm(), ac.squaredNorm(), (ac - ab).squaredNorm()});
+    });
+    if (triangle.empty()) throw InputError("the surface that is simulated has no area for a skin to ride on");
     std::vector<FloatBox> boxes;
     double longest2 = 0;
     for (const Triangle& t : triangle) {

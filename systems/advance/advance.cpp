@@ -82,12 +82,18 @@ bool carry_remainder(const AdvanceCall& call, uint32_t body) {
 void give_remainders(const AdvanceCall& call, uint32_t particles, TissueScratch& scratch, AdvanceIsland& island) {
     const auto carries = [&](const AdvanceBody& b) { return carry_remainder(call, b.body); };
     if (std::none_of(island.body.begin(), island.body.end(), carries)) return;
-    scratch.remainder.assign(size_t{3} * particles, 0.0f);
+    scratch.remainder.assign(size_t{6} * particles, 0.0f);
     for (AdvanceBody& b : island.body) {
         if (!carries(b)) continue;
-        b.step.remainder_x = scratch.remainder.data() + b.buffer;
-        b.step.remainder_y = b.step.remainder_x + particles;
-        b.step.remainder_z = b.step.remainder_y + particles;
+        SpringStep& step = b.step;
+        step.stiff = is_heated_by_rounding(call.inputs.meshes.info[call.inputs.bodies.mesh[b.body]].radius, call.dt);
+        step.remainder_x = scratch.remainder.data() + b.buffer;
+        step.remainder_y = step.remainder_x + particles;
+        step.remainder_z = step.remainder_y + particles;
+        const size_t apart = step.stiff ? size_t{3} * particles : 0;  // neighbours read the former ones
+        step.new_remainder_x = step.remainder_x + apart;
+        step.new_remainder_y = step.remainder_y + apart;
+        step.new_remainder_z = step.remainder_z + apart;
     }
 }
 
@@ -146,6 +152,9 @@ void step_leapfrog(const AdvanceCall& call, Poses& poses, AdvanceBody& b, std::v
     for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
         kernels.step(&b.step, begin, end, b.damping_work ? b.damping_work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
     });
+    std::swap(b.step.remainder_x, b.step.new_remainder_x);
+    std::swap(b.step.remainder_y, b.step.new_remainder_y);
+    std::swap(b.step.remainder_z, b.step.new_remainder_z);
 }
 
 // Forces besides springs and anchors at a substep's start. Returns whether a leapfrog body needs finer steps.
@@ -248,8 +257,17 @@ void restore_body(const AdvanceCall& call, const AdvanceBody& b, const AdvanceSt
     }
 }
 
+// m, of a particle's anchor.
+double goal_of(const SpringStep& step, uint32_t v, int axis) {
+    const float rest[3] = {step.anchor_x[v], step.anchor_y[v], step.anchor_z[v]};
+    double goal = double{step.centre[axis]} + step.centre_rest[axis];
+    for (int k = 0; k < 3; ++k) goal += (double{step.turn[3 * axis + k]} + step.turn_rest[3 * axis + k]) * rest[k];
+    return goal;
+}
+
 // Removes a body's rounding remainders at the end of a call: rounds each up or down by a hash of call and
-// particle, with probability by size, so that over hundreds of calls the errors cancel.
+// particle, with probability by size, so that over hundreds of calls the errors cancel. In a stiff body that would add energy in every
+// call: each is rounded towards its goal.
 void round_remainders(const AdvanceCall& call, const AdvanceBody& b, Particles& particles) {
     const float* remainder[3] = {b.step.remainder_x, b.step.remainder_y, b.step.remainder_z};
     uint64_t seed = (call.params.tick + 1) * 0xbf58476d1ce4e5b9ull;
@@ -265,7 +283,9 @@ void round_remainders(const AdvanceCall& call, const AdvanceBody& b, Particles& 
             const int32_t away = (from != 0) * (2 * ((r > 0) == (from > 0)) - 1);
             const float next = std::bit_cast<float>(std::bit_cast<int32_t>(from) + away);
             const float dice = static_cast<float>(static_cast<int32_t>(z >> (4 + 20 * i) & 0xfffff)) * 0x1p-20f;
-            *position[i] = std::abs(r) > dice * std::abs(next - from) ? next : from;
+            const bool onwards = b.step.stiff && b.step.anchor_stiffness[v] > 0 ? (r > 0) == (goal_of(b.step, v, i) > double{from} + r)
+                                                                                : std::abs(r) > dice * std::abs(next - from);
+            *position[i] = r != 0 && onwards ? next : from;
         }
     };
     parallel_for_even(b.particles.count, kSlicesPerChunk * kSliceWidth, kLeastShared, [&](uint32_t begin, uint32_t end) {
@@ -442,6 +462,8 @@ void run_substep(const AdvanceCall& call, bool has_contacts, AdvanceScratch& s, 
 void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, std::span<const uint32_t> island_bodies,
                     std::span<const uint32_t> island_constraints, AdvanceScratch& scratch, AdvanceState state, AdvanceResult& result) {
     TROCAR_ASSERT(params.substeps > 0 && params.ticks > 0);
+    const AdvanceWork before = result;
+    const uint64_t failed = result.nonfinite_particles + result.runaway_bodies;
     result.deepest_residual = 0;
     result.opposing_planes = 0;
     AdvanceCall call{params, inputs, 1e-3 * (static_cast<double>(params.ticks) / params.substeps)};
@@ -462,6 +484,8 @@ void advance_island(const AdvanceParams& params, const AdvanceInputs& inputs, st
     if (call.dt < kShortStep) result.short_steps += params.substeps;
     for (const double work : scratch.tissue.sums) result.work_damping += work;
     finish_bodies(call, scratch.tissue, scratch.island, state, result);
+    // what moved a body that is back where it started was no work, and is no number or absurd
+    if (result.nonfinite_particles + result.runaway_bodies > failed) static_cast<AdvanceWork&>(result) = before;
     release_contacts(call, scratch.solver, scratch.island, state.constraints, result);
 }
 

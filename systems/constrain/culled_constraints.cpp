@@ -1,6 +1,7 @@
 #include "systems/constrain/culled_constraints.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "engine/contact/contact_constraints.hpp"
@@ -18,14 +19,33 @@ Vec3d velocity_of(const Surfaces& s, uint32_t body, uint32_t vertex) {
     return {s.particles.velocity_x[i], s.particles.velocity_y[i], s.particles.velocity_z[i]};
 }
 
+// m/s, by which vertices of a body may come nearer than their present velocities say: tissue that a hit has set vibrating turns a vertex
+// round within a period. Three times the root mean square of the velocities relative to their mean, and half the mean for what an
+// earlier hit left in springs. Measured: with twice and none, balls of 0.05 to 0.4 MPa that bounce from 30 to 80 mm were found up to 2 mm
+// inside.
+double vibration_of(const Surfaces& s, uint32_t body) {
+    const uint32_t count = s.meshes.info[s.bodies.mesh[body]].vertices.count;
+    Vec3d sum = Vec3d::Zero();
+    double squares = 0;
+    for (uint32_t v = 0; v < count; ++v) {
+        const Vec3d velocity = velocity_of(s, body, v);
+        sum += velocity;
+        squares += velocity.squaredNorm();
+    }
+    const double mean2 = (sum / count).squaredNorm(), variance = squares / count - mean2;
+    const double speed2 = 9 * std::max(0.0, variance) + 0.25 * mean2;
+    return speed2 > 0 ? std::sqrt(speed2) : 0;  // also if it is no number
+}
+
 // Whether a constraint of deformable bodies, or of one and a static one, may act.
-bool may_act(const ComingPeriod& coming, const ContactConstraints& constraints, uint32_t constraint) {
+bool may_act(const ComingPeriod& coming, std::span<const double> vibration, const ContactConstraints& constraints, uint32_t constraint) {
     constexpr double kTurnShare = 0.25;  // fraction of the speed that rotation may direct towards the plane
     const Surfaces& s = coming.surfaces;
     const Bodies& bodies = s.bodies;
     const uint32_t body = constraints.body[constraint], other = constraints.other[constraint];
     const double period = coming.seconds;
-    const double near = fall_in_period(coming.gravity, period) + reach_at_rest(s, body) + reach_at_rest(s, other);
+    const double near = fall_in_period(coming.gravity, period) + reach_at_rest(s, body) + reach_at_rest(s, other) +
+                        (vibration[body] + vibration[other]) * period;
     if (constraints.distance[constraint] < near) return true;
     Vec3d v = Vec3d::Zero();
     if (is_deformable(bodies, body)) {
@@ -93,12 +113,17 @@ void cull_constraints(const ComingPeriod& coming, CulledConstraintsScratch& scra
         own_displacements(coming, constraints, scratch.travel);
         propagate_displacements(bodies, constraints, scratch.travel);
     }
+    scratch.vibration.assign(bodies.mesh.size(), -1.0);
+    for (uint32_t constraint = 0; constraint < count; ++constraint)
+        for (const uint32_t body : {constraints.body[constraint], constraints.other[constraint]})
+            if (double& vibration = scratch.vibration[body]; vibration < 0)
+                vibration = is_deformable(bodies, body) ? vibration_of(coming.surfaces, body) : 0.0;
     const double turned_fall = coming.gravity.norm() * coming.seconds * coming.seconds;
     const auto is_moved = [&](uint32_t body) { return !is_deformable(bodies, body) && bodies.motion[body] != Motion::kStatic; };
     const auto stays = [&](uint32_t constraint) {
         if (constraint < coming.pressed.size() && coming.pressed[constraint]) return true;
         const uint32_t body = constraints.body[constraint], other = constraints.other[constraint];
-        if (!is_moved(body) && !is_moved(other)) return may_act(coming, constraints, constraint);
+        if (!is_moved(body) && !is_moved(other)) return may_act(coming, scratch.vibration, constraints, constraint);
         if (bodies.rigid_mass.empty() || is_deformable(bodies, body) || is_deformable(bodies, other)) return true;
         return !(constraints.distance[constraint] > scratch.travel[body] + scratch.travel[other] + turned_fall);
     };

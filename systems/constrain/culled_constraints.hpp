@@ -10,8 +10,9 @@
 namespace trocar {
 
 struct CulledConstraintsScratch {
-    std::vector<uint8_t> dropped;  // per constraint
-    std::vector<double> travel;    // m, per rigid body
+    std::vector<uint8_t> dropped;   // per constraint
+    std::vector<double> travel;     // m, per rigid body
+    std::vector<double> vibration;  // m/s, per body of a constraint
 };
 
 // The coming period, and everything that may move bodies in it.
@@ -30,7 +31,7 @@ struct ComingPeriod {
 //   distance <= max(0, -v.n) T + 0.25 |v| T          approach, and its possible rotation
 //               + 0.5 g T^2                          fall of one of them alone
 //               + external(body, -n) + external(other, n)   external displacement bounds
-//               + sum over both of 0.05 mean edge (deformable) + half the thickness
+//               + sum over both of 0.05 mean edge and vibration (deformable) + half the thickness
 // and one of two rigid bodies if
 //   distance <= travel(body) + travel(other) + g T^2   half of it for overhanging bodies that rotate
 // travel, a free body's displacement bound, is the largest of twice its displacement with rotation, twice its

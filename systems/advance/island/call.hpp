@@ -76,13 +76,15 @@ struct AdvanceState {
 
 // Works and counts of an island over its calls; counts are merged as TROCAR_REPORT says. Work in J on its
 // deformable bodies.
-struct AdvanceResult : IslandReport {
+struct AdvanceWork {
     double work_hand = 0;
     double work_contact = 0;
     double work_damping = 0;
     double work_push = 0;
     double work_numeric = 0;
-    double work_links = 0;            // energy of links and springs when they broke, negative
+    double work_links = 0;  // energy of links and springs when they broke, negative
+};
+struct AdvanceResult : IslandReport, AdvanceWork {
     uint64_t active_constraints = 0;  // contact constraints that acted, summed over the substeps
 };
 

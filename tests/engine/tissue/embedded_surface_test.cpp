@@ -4,6 +4,7 @@
 
 #include <cstdio>
 #include <cstring>
+#include <random>
 
 #include "content/scene/make_solid.hpp"
 #include "content/volume/organ_surface.hpp"
@@ -80,6 +81,50 @@ TEST(Skin, LinearFieldIsFollowedToRoundOff) {
         EXPECT_LT((s.offset(ball, v) - field(rest_of(s, ball, v))).norm(), 1e-7);
         EXPECT_NEAR(s.velocity(ball, v).x(), field(rest_of(s, ball, v)).y(), 1e-7);
     }
+}
+
+// Cages with slivers, some of no area at all, as simplification leaves them in flat faces: of closed noisy spheres, edges are split at a
+// point on the edge or just off it, and the flat triangle between is listed first, so that ties would choose it.
+// Oracle: weights are barycentric, so they sum to one, give the point back and are of order one.
+TEST(Skin, SliversOfACageBearNothing) {
+    std::mt19937 random(7);
+    std::uniform_real_distribution<double> unit(0, 1);
+    for (uint32_t seed = 0; seed < 24; ++seed) {
+        Mesh cage = subdivided_sphere(kRadius, 1, 0.05, seed + 1);
+        std::vector<Triangle> slivers;
+        std::vector<Vec3d> points;
+        for (int split = 0; split < 12; ++split) {
+            const Triangle t = cage.triangle[random() % cage.triangle.size()];
+            const Vec3d &a = cage.position[t[0]], &b = cage.position[t[1]];
+            const Vec3d off = seed % 3 == 0 ? 0.0 * a : std::pow(10.0, -6 - double(seed % 5)) * a;
+            const uint32_t middle = static_cast<uint32_t>(cage.position.size());
+            const Vec3d on = a + unit(random) * (b - a);
+            slivers.push_back({t[0], t[1], middle});
+            for (const double along : {0.0, 0.3, 0.7, 1.0}) points.push_back(a + along * (b - a));
+            cage.position.push_back(on + off);
+        }
+        for (const Triangle& t : cage.triangle) {
+            const double u = unit(random), v = unit(random) * (1 - u);
+            points.push_back(cage.position[t[0]] + u * (cage.position[t[1]] - cage.position[t[0]]) +
+                             v * (cage.position[t[2]] - cage.position[t[0]]));
+        }
+        cage.triangle.insert(cage.triangle.begin(), slivers.begin(), slivers.end());
+        const SurfaceEmbedding skin = bind_to_surface(points, cage.position, cage.triangle);
+        for (size_t i = 0; i < points.size(); ++i) {
+            Vec3d sum = Vec3d::Zero();
+            double one = 0, most = 0;
+            for (int k = 0; k < 4; ++k) {
+                sum += skin.weight[i][k] * cage.position[skin.node[i][k]];
+                one += skin.weight[i][k];
+                most = std::max(most, std::abs(skin.weight[i][k]));
+            }
+            EXPECT_NEAR(one, 1, 1e-12) << seed;
+            EXPECT_LT((sum - points[i]).norm(), 1e-9 * kRadius) << seed;
+            EXPECT_LT(most, 1.1) << seed;
+        }
+    }
+    const std::vector<Vec3d> line{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}};
+    EXPECT_THROW(bind_to_surface(line, line, std::vector<Triangle>{{0, 1, 2}}), InputError);
 }
 
 // Against all tetrahedra: a point inside one is bound to that; for other points no binding is much worse than
