@@ -140,7 +140,7 @@ void advance_islands(const AdvanceIslandsParams& params, const AdvanceInputs& in
             trace_island(pass, scratch.awake[i], start, scratch.island_ns[i]);
         }
     });
-    response_ns = share_of_response(scratch, now_ns() - pass_start);
+    response_ns += share_of_response(scratch, now_ns() - pass_start);
     share_room(scratch.shared);
     report.deepest_residual = 0;
     for (const AdvanceResult& result : scratch.result) add_advance_result(result, energy, report);

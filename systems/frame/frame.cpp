@@ -2,11 +2,14 @@
 
 #include <algorithm>
 #include <string>
+#include <utility>
 
 #include "engine/base/error.hpp"
+#include "engine/contact/displacement_bound.hpp"
 #include "engine/jobs/parallel.hpp"
 #include "engine/jobs/thread_pool.hpp"
 #include "engine/jobs/trace.hpp"
+#include "systems/detect/broad/rounds.hpp"
 #include "systems/frame/state.hpp"
 #include "systems/prepare/tear_bodies.hpp"
 namespace trocar {
@@ -47,7 +50,7 @@ struct Frame::Graphs {
         Graphs& g = *list.graphs;
         const uint32_t stage = list.first + index;
         const uint64_t duration = now_ns() - g.begin_ns[stage];
-        g.state->times.stage_ns[stage] = duration;
+        g.state->times.stage_ns[stage] += duration;
         if (g.state->options.trace)
             g.state->options.trace->add(
                 {g.stages[stage].name, g.begin_ns[stage], duration, thread_index(), static_cast<uint32_t>(g.state->world.clock.pass)});
@@ -155,6 +158,8 @@ void begin_pass(FrameState& f) {
     Clock& clock = f.world.clock;
     clock.period = static_cast<uint32_t>(pass_tick(clock.pass + 1, clock.contact_rate) - clock.tick);
     std::fill(f.times.stage_ns.begin(), f.times.stage_ns.end(), 0);
+    f.times.response_ns = 0;
+    f.times.deepest = 0;
     f.times.picture = false;
     if (f.options.clear_caches) clear_caches(f);
     SleeperCache& sleeping_bodies = f.scratch.sleeping_bodies;
@@ -207,11 +212,40 @@ void Frame::warm_up() {
     state_->world.sleep = sleep_before;
 }
 
+// Runs the pass in rounds while free bodies are fast: each finds contacts and advances its part of the period.
+void Frame::run_rounds() {
+    World& w = state_->world;
+    const uint64_t begin = w.clock.tick, end = begin + w.clock.period;
+    SleeperCache& sleepers = state_->scratch.sleeping_bodies;
+    const auto set_period = [&](uint32_t period) {  // boxes of sleeping bodies cover what gravity does in a period
+        if (std::exchange(sleepers.round, period) != period) std::ranges::fill(sleepers.seen[kSeenByBoxes], 0);
+        w.clock.period = period;
+    };
+    const bool divides = row_of(StageId::kCandidatePairs) != kNone && w.haptics.tool.empty() && w.particles.offset.empty();
+    while (w.clock.tick < end) {
+        const auto left = static_cast<uint32_t>(end - w.clock.tick);
+        if (divides) set_period(left);
+        const double fall = fall_in_period(w.settings.gravity, 1e-3 * left), tolerance = w.settings.contact.tolerance;
+        if (divides && left > 1 && may_need_rounds(surfaces_of(w), fall, tolerance, 1e-3 * left)) {
+            for (const StageId id :
+                 {StageId::kBodyBoxes, StageId::kFastBodies, StageId::kExcludedPairs, StageId::kBoxPairs, StageId::kCandidatePairs})
+                if (const uint32_t stage = row_of(id); stage != kNone) run_stage(stage);
+            const uint32_t rounds = count_rounds(surfaces_of(w), w.pairs, w.contact_memory, fall, tolerance, 1e-3 * left);
+            set_period((left + rounds - 1) / rounds);
+        }
+        graphs_->run(false);
+        for (const double depth : w.penetrations.depth) state_->times.deepest = std::max(state_->times.deepest, depth);
+        w.clock.tick += w.clock.period;
+    }
+    w.clock.tick = begin;
+    w.clock.period = static_cast<uint32_t>(end - begin);
+}
+
 void Frame::step() {
     const FloatModeScope ours;
     take_in_bodies();
     begin_pass(*state_);
-    graphs_->run(false);
+    run_rounds();
     if (!end_pass(*state_)) return;
     graphs_->run(true);
     ++state_->world.clock.picture;

@@ -100,6 +100,7 @@ struct ContactHook {
 struct FrameTimes {
     std::vector<uint64_t> stage_ns;  // 0 where a stage did not run in this pass
     uint64_t response_ns = 0;        // contact response in all substeps: its share of the islands' wall time
+    double deepest = 0;              // m, deepest overlap that a round of the pass found
     bool picture = false;            // the end list ran
     std::vector<uint64_t> tick_ns;   // compute time of every haptic tick of the pass, tool by tool
 };
@@ -112,7 +113,8 @@ class Frame {
     // read from a file call find_fault (engine/world/world.hpp) first, which finds all other errors.
     Frame(World world, const FrameOptions& options);
     ~Frame();
-    // One contact pass: begin, advance, and end if a picture is due then. Bodies may be added to world()
+    // One contact pass: begin, advance, and end if a picture is due then; in rounds, with contacts found anew in each, while free
+    // bodies are fast and nothing is soft or held (systems/detect/broad/rounds.hpp). Bodies may be added to world()
     // between two passes, with their data (add_body, make_deformable or set_rigid_mass, make_trees): the
     // stages are chosen anew, so stage_names may change, and their energy is added to the initial one. Throws
     // InputError if data is missing or a body was removed; bodies that come and go use an object pool
@@ -140,6 +142,7 @@ class Frame {
  private:
     void take_in_bodies();
     void warm_up();
+    void run_rounds();
     std::unique_ptr<struct FrameState> state_;
     struct Graphs;
     std::unique_ptr<Graphs> graphs_;

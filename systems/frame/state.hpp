@@ -46,6 +46,7 @@ struct SleeperCache {
     uint64_t last = 0;             // number given
     std::array<std::vector<uint64_t>, kSleeperStages> seen;
     std::vector<uint32_t> generation;  // per slot of a pool: of the body to which the number belongs
+    uint32_t round = 0;                // ms, period of the boxes; in scenes with rounds
     uint64_t next_pass = 0;            // a clock set to another time means another state
 };
 

@@ -55,7 +55,7 @@ void nncg_step(double share, AdvanceIsland& island, PreparedConstraint& constrai
 uint32_t affordable_sweeps(const AdvanceCall& call, const ContactSolver& solver, uint32_t most) {
     uint64_t active = 1;
     for (const ConstraintGroup& group : std::span(solver.group).first(solver.colour[4])) active += group.active.size() + group.active_lanes;
-    return uint32_t(std::clamp<uint64_t>(kMostWork / (active * call.params.substeps), kFewestSweeps, most));
+    return uint32_t(std::clamp<uint64_t>(kMostWork * call.params.ticks / (active * call.params.substeps), kFewestSweeps, most));
 }
 
 // Returns whether it ended with `most_sweeps`.

@@ -69,9 +69,9 @@ inline constexpr uint32_t kBodiesPerSlab = 96, kMostSlabs = 32;
 inline constexpr double kConvergedChange = 3e-6;
 // Most sweeps without and with direct solutions between them. By trial.
 inline constexpr uint32_t kMostSweeps = 128, kMostSweepsSolved = 48;
-// Most solutions of single constraints in a pass of an island, and of all in a substep at least: by estimate some seconds of a
-// processor; no scene tried reached it. What is left is solved from the impulses so far in the next substep.
-inline constexpr uint64_t kMostWork = uint64_t{1} << 24;
+// Most solutions of single constraints in a millisecond of an island, and of all in a substep at least: by estimate some seconds of a
+// processor in a pass. What is left is solved from the impulses so far in the next substep.
+inline constexpr uint64_t kMostWork = uint64_t{1} << 20;
 inline constexpr uint32_t kFewestSweeps = 8;
 // Sweeps that cost as much as a direct solution: kMostWorkPerConstraint.
 inline constexpr uint32_t kSweepsPerSolution = 10;

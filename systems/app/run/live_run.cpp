@@ -28,10 +28,10 @@ PassFigures pass_figures(const Frame& frame, double time) {
     p.time = time;
     for (const uint32_t row : frame.detection_stages()) p.detection_ms += static_cast<double>(frame.times().stage_ns[row]) * 1e-6;
     p.response_ms = static_cast<double>(frame.times().response_ns) * 1e-6;
+    p.depth = frame.times().deepest;
     p.contacts = static_cast<uint32_t>(w.contacts.point.size());
     for (size_t i = 0; i < w.penetrations.pair.size(); ++i) {
         p.pairs += w.penetrations.depth[i] > 0;
-        p.depth = std::max(p.depth, w.penetrations.depth[i]);
         p.inside_vertices += w.penetrations.vertices_a_in_b[i] + w.penetrations.vertices_b_in_a[i];
     }
     for (const ToolState& tool : w.haptics.state) {

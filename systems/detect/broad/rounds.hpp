@@ -1,0 +1,20 @@
+#pragma once
+#include "components/contacts.hpp"
+#include "engine/mesh/surfaces.hpp"
+namespace trocar {
+
+// A contact constraint is a plane at a point: a rigid body of size L that turns by s at its rim relative to another before contacts are
+// found anew goes about s^2 / 2 L into what has no constraint yet. Passes with fast rigid bodies are therefore divided into rounds.
+
+// How many pairs of bodies, counted over its rounds, a pass may look at to be divided: some seconds of a processor.
+inline constexpr uint64_t kMostPairRounds = 1 << 15;
+
+// Whether a free body moves so far in `seconds` that a pass may need rounds. `fall`: m, displacement by gravity.
+bool may_need_rounds(const Surfaces& surfaces, double fall, double tolerance, double seconds);
+
+// Rounds of `seconds` that keep free bodies within about the tolerance (m) of other rigid ones. Hits turn bodies, so all of a relative
+// velocity counts; of a pair that presses already (`pressed`: the contacts of the preceding round) only what closes it or turns.
+uint32_t count_rounds(const Surfaces& surfaces, const BroadPhasePairs& pairs, const ContactMemory& pressed, double fall, double tolerance,
+                      double seconds);
+
+}  // namespace trocar
