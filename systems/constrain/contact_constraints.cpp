@@ -304,6 +304,17 @@ void repeat_constraint(uint32_t from, ContactConstraints& constraints) {
     constraints.friction[to] = constraints.friction[from];
 }
 
+// Whether faces around a vertex meet at more than 60 degrees.
+bool is_sharp(const Surfaces& s, uint32_t body, uint32_t vertex) {
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    const auto faces = mesh.incident.subspan(mesh.incident_first[vertex], mesh.incident_first[vertex + 1] - mesh.incident_first[vertex]);
+    const auto normal_of = [&](uint32_t t) {
+        const auto [a, b, c] = mesh.triangle[t];
+        return triangle_normal(mesh.position[a], mesh.position[b], mesh.position[c]).normalized();
+    };
+    return std::ranges::any_of(faces, [&, first = normal_of(faces[0])](uint32_t t) { return first.dot(normal_of(t)) < 0.5; });
+}
+
 // A corner that has dented tissue touches several triangles of the dent at once, of which its contact has the nearest: left to
 // it alone, the point goes through the others in turn, from pass to pass. Adds the planes of the neighbours across a
 // concave edge above whose triangles the point is, or nearly.
@@ -311,13 +322,16 @@ void add_dent_planes(const ContactInputs& in, const Contacts& contacts, const Ha
     constexpr double kNearly = 0.1;  // of a mean edge; of 0.05 to 1 what left 24 held corners stillest and their mean unchanged
     constexpr double kFlat = 1e-3;   // of a mean edge
     const Surfaces& s = in.surfaces;
+    if (std::ranges::all_of(haptics.tool, [](const HandTool& t) { return t.point_shell.empty(); })) return;
     std::vector<uint8_t> turns(s.bodies.mesh.size(), 0);
     for (const HandTool& t : haptics.tool) turns[t.body] = !t.point_shell.empty();
     const uint32_t count = uint32_t(constraints.body.size());
     for (uint32_t c = 0; c < count; ++c) {
         const uint32_t i = constraints.contact[c], other = constraints.other[c];
         const bool corner_of_tool = turns[constraints.body[c]] && contacts.vertex[i][0] == contacts.vertex[i][1];
-        if (!corner_of_tool || contacts.third[i] != kNone || !is_deformable(s.bodies, other)) continue;
+        if (!corner_of_tool || contacts.third[i] != kNone || !is_deformable(s.bodies, other) ||
+            !is_sharp(s, constraints.body[c], contacts.vertex[i][0]))
+            continue;
         const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[other]);
         const double nearly = kNearly * mesh.info->mean_edge;
         const auto corners_of = [&](const Triangle& t) {

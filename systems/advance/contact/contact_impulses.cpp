@@ -650,6 +650,7 @@ double gather_nodes(const AdvanceCall& call, const Particles& particles, Advance
 
 // Whether a hand presses tissue against something else on its other side.
 bool hand_pinches(const ContactSolver& solver, const AdvanceIsland& island) {
+    if (island.rigid.size() + island.body.size() < 3) return false;
     const auto is_hand = [&](uint32_t rigid) { return rigid != kNone && island.rigid[rigid].tool != kNone; };
     const auto any_active = [&](const auto& test) {
         return std::any_of(solver.group.begin(), solver.group.begin() + solver.colour[4], [&](const ConstraintGroup& group) {
