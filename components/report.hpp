@@ -49,6 +49,8 @@ inline constexpr uint8_t kOfRun = kInMetrics | kOnPage;  // counted by the run, 
     PASS(kSum, contact_events, "", kEvent, "passes with at least one overlapping pair")                                                \
     PASS(kSum, dropped_contacts, "", kTrouble, "contacts beyond the capacity of a body, the shallowest, were dropped")                 \
     PASS(kSum, oversize_triangles, "", kTrouble, "times a triangle spanned more than 64 cells of the grid and was tested by its box")  \
+    PASS(kSum, unswept_bodies, "", kTrouble, "times a soft or scripted body moved farther in a pass than contacts look ahead")         \
+    PASS(kSum, deferred_pairs, "", kTrouble, "times a pair of free bodies was left to a later pass at the bound on work")              \
     PASS(kSum, queries, "", kStored, "closest-point queries of the overlap and edge stages")                                           \
     PASS(kSum, tie_overflows, "", kTrouble, "closest-point queries met too many ties and were repeated in double")                     \
     PASS(kSum, sign_disagreements, "", kTrouble, "signs were settled by the winding number, because a surface had folded over itself") \

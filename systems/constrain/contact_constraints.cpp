@@ -133,6 +133,7 @@ Support find_support(const Surfaces& s, const Contacts& contacts, uint32_t i) {
     return best;
 }
 
+constexpr double kAlong = 0.5;  // cosine, of normals along a separation direction
 constexpr double kAnyTurn = std::numeric_limits<double>::infinity();
 
 // Whether a rigid body's surface goes on beyond a contact point towards the plane: the contact then belongs to another point, and
@@ -211,15 +212,16 @@ bool make_constraint(const ContactInputs& in, const Contacts& contacts, const Pe
     const uint32_t body = contacts.body[i], other = contacts.other[i];
     Support at{contacts.closest[i], contacts.normal[i], contacts.distance[i], contacts.triangle[i]};
     const bool both_rigid = !is_deformable(surfaces.bodies, body) && !is_deformable(surfaces.bodies, other);
-    if (both_rigid && surfaces.bodies.thickness[other] == 0) at = find_support(surfaces, contacts, i);
-    if (at.none) return false;
     const uint32_t overlap = scratch.overlap[contacts.pair[i]];
     const bool first = body == in.pairs.a[contacts.pair[i]];
     Vec3d lead = Vec3d::Zero();  // separation direction of a deep pair, for this side
-    if (in.params.deep == DeepResponse::kLastFree && overlap != kNone && penetrations.saturated[overlap]) {
+    if (overlap != kNone && penetrations.saturated[overlap]) {
         const Vec3d& direction = penetrations.separation_direction[overlap];
         lead = first ? Vec3d(-direction) : direction;
     }
+    const bool parts = both_rigid && lead != Vec3d::Zero();
+    if (both_rigid && !parts && surfaces.bodies.thickness[other] == 0) at = find_support(surfaces, contacts, i);
+    if (at.none) return false;
     const bool along_nearest = in.params.direction != ResponseDirection::kThesis && lead == Vec3d::Zero();
     const auto is_pushed = [&](uint32_t b) {
         return surfaces.bodies.motion[b] == Motion::kHand || surfaces.bodies.motion[b] == Motion::kFree;
@@ -227,15 +229,15 @@ bool make_constraint(const ContactInputs& in, const Contacts& contacts, const Pe
     scratch.inverted[i] = (is_pushed(body) || is_pushed(other)) && !both_rigid && along_nearest && leaves_inverted(surfaces, contacts, i);
     // the thickness of a sheet is only in its planes
     const bool on_sheet = surfaces.meshes.info[surfaces.bodies.mesh[other]].admission == Admission::kSheet;
-    if ((both_rigid || surfaces.bodies.motion[body] == Motion::kStatic) && contacts.third[i] == kNone && !on_sheet) {
+    if (((both_rigid && !parts) || surfaces.bodies.motion[body] == Motion::kStatic) && contacts.third[i] == kNone && !on_sheet) {
         const bool inside = at.distance < -in.params.tolerance;
         const double turn = inside ? kAnyTurn : surfaces.poses.angular_velocity[body].norm() * in.period;
         const bool slopes = slopes_on(surfaces, contacts, i, at.normal, turn);
         if (slopes && !inside) return false;
         scratch.slopes[i] = slopes && along_nearest;
     }
-    // it would oppose the separation
-    if (at.distance >= 0 && at.normal.dot(lead) < 0) return false;
+    // it would oppose the separation, or turn rigid bodies that part
+    if (at.distance >= 0 && at.normal.dot(lead) < (parts ? kAlong : 0)) return false;
     Vec3d normal = at.normal;
     double distance = at.distance;
     if (in.params.direction == ResponseDirection::kThesis && distance < 0 && overlap != kNone) {
@@ -247,6 +249,8 @@ bool make_constraint(const ContactInputs& in, const Contacts& contacts, const Pe
     if (lead != Vec3d::Zero() && distance < 0 && find_exit(surfaces, contacts, i, lead, scratch, at)) {
         normal = lead;
         distance = at.distance;
+    } else if (parts && distance < 0) {
+        return false;
     }
     const Triangle& corner = mesh_view(surfaces.meshes, surfaces.bodies.mesh[other]).triangle[at.triangle];
     const Vec3d p = world_to_frame(surfaces, other, at.closest);
@@ -380,7 +384,8 @@ void make_contact_constraints(const ContactInputs& in, const Contacts& contacts,
 
     resize_constraints(constraints, count);
     // a deep pair's contacts share one exit grid, so they must not be split
-    const uint32_t grain = in.params.deep == DeepResponse::kLastFree ? std::max(count, 1u) : kConstraintsPerChunk;
+    const bool any_deep = std::ranges::any_of(penetrations.saturated, [](uint8_t deep) { return deep != 0; });
+    const uint32_t grain = any_deep ? std::max(count, 1u) : kConstraintsPerChunk;
     parallel_for(count, grain, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i)
             scratch.dropped[i] = scratch.dropped[i] || !make_constraint(in, contacts, penetrations, i, scratch, constraints);

@@ -113,12 +113,14 @@ void append_edge_constraint(const Surfaces& s, const uint32_t (&body)[2], const 
 
 }  // namespace
 
-void add_edge_constraints(const ContactInputs& in, const CandidateTriangles& candidates, EdgeConstraintsScratch& scratch,
-                          ContactConstraints& constraints) {
+void add_edge_constraints(const ContactInputs& in, const CandidateTriangles& candidates, const Penetrations& penetrations,
+                          EdgeConstraintsScratch& scratch, ContactConstraints& constraints) {
     const Surfaces& surfaces = in.surfaces;
     const Bodies& bodies = surfaces.bodies;
     if (bodies.rigid_mass.empty()) return;
-    for (uint32_t pair = 0; pair < in.pairs.a.size(); ++pair) {
+    for (uint32_t pair = 0, overlap = 0; pair < in.pairs.a.size(); ++pair) {
+        while (overlap < penetrations.pair.size() && penetrations.pair[overlap] < pair) ++overlap;
+        if (overlap < penetrations.pair.size() && penetrations.pair[overlap] == pair && penetrations.saturated[overlap]) continue;
         const uint32_t body[2] = {in.pairs.a[pair], in.pairs.b[pair]};
         if (bodies.motion[body[0]] != Motion::kFree && bodies.motion[body[1]] != Motion::kFree) continue;
         if (is_deformable(bodies, body[0]) || is_deformable(bodies, body[1])) continue;

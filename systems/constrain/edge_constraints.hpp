@@ -23,9 +23,9 @@ struct EdgeConstraintsScratch {
 // normals more than 20 degrees apart. The normal is perpendicular to both edges and in both normal cones
 // (edge-edge case of Mirtich 1998, "V-Clip"), or beside them by no more than the bodies may turn in the period, and then is the
 // nearest normal of a cone: a tilted box slams down on another's edge. Nearly parallel edges are left to vertex contacts. The point is
-// on the first body's edge, the triangle at the second's. Ordered by pair, then the edges of the first, then
+// on the first body's edge, the triangle at the second's. None for saturated pairs. Ordered by pair, then the edges of the first, then
 // of the second.
-void add_edge_constraints(const ContactInputs& in, const CandidateTriangles& candidates, EdgeConstraintsScratch& scratch,
-                          ContactConstraints& constraints);
+void add_edge_constraints(const ContactInputs& in, const CandidateTriangles& candidates, const Penetrations& penetrations,
+                          EdgeConstraintsScratch& scratch, ContactConstraints& constraints);
 
 }  // namespace trocar

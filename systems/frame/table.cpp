@@ -3,6 +3,7 @@
 #include "engine/contact/displacement_bound.hpp"
 #include "systems/detect/broad/body_boxes.hpp"
 #include "systems/detect/broad/continuous_collision.hpp"
+#include "systems/detect/broad/rounds.hpp"
 #include "systems/detect/narrow/penetration.hpp"
 #include "systems/detect/narrow/pierced_bodies.hpp"
 #include "systems/detect/narrow/tools_inside.hpp"
@@ -49,8 +50,9 @@ ContactInputs contact_inputs(const World& w) {
 
 void body_boxes(World& w, FrameState& f) {
     number_sleeps(f);
-    compute_body_boxes({period_seconds(w), surfaces_of(w), w.settings.gravity, w.haptics.tool, &w.devices, &w.spawning, &w.node_state},
-                       w.boxes, sleeping_bodies(f, kSeenByBoxes));
+    w.report.unswept_bodies +=
+        compute_body_boxes({period_seconds(w), surfaces_of(w), w.settings.gravity, w.haptics.tool, &w.devices, &w.spawning, &w.node_state},
+                           w.boxes, sleeping_bodies(f, kSeenByBoxes));
 }
 void fast_bodies(World& w, FrameState&) {
     find_ccd_bodies({period_seconds(w), w.settings.gravity, surfaces_of(w), w.haptics.tool, w.devices, w.node_state}, w.fast_bodies,
@@ -64,6 +66,7 @@ void box_pairs(World& w, FrameState& f) { update_candidate_pairs(w.bodies, w.box
 void broad_phase_pairs(World& w, FrameState& f) {
     find_reachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, w.box_pairs, f.scratch.reachable, w.pairs,
                          w.displacement_bounds, sleeping_bodies(f, kSeenByPairs));
+    w.report.deferred_pairs += defer_pairs(surfaces_of(w), w.clock.tick, w.pairs);
 }
 void sleep(World& w, FrameState& f) {
     fall_asleep_and_wake({w.settings, pass_seconds(w), w.clock.period, w.bodies, w.paths, w.nodes.drive, w.joined_bodies, w.spawning},
@@ -96,7 +99,7 @@ void face_pass(World& w, FrameState& f) {
 }
 void penetration(World& w, FrameState&) { measure_penetrations(w.pairs, w.contacts, w.report, w.penetrations); }
 void deep_overlap(World& w, FrameState& f) {
-    find_separation_directions(contact_inputs(w), w.contacts, f.scratch.directions_before, w.pair_memory, w.penetrations);
+    find_separation_directions(contact_inputs(w), w.contacts, f.scratch.directions_before, w.pair_memory, w.penetrations, w.sleep.still);
 }
 void regions(World& w, FrameState& f) {
     find_regions(contact_inputs(w), w.screened, w.near, w.contacts, w.contours, f.scratch.regions, w.regions);
@@ -107,7 +110,7 @@ void contact_constraints(World& w, FrameState& f) {
                              w.haptics);
 }
 void edge_constraints(World& w, FrameState& f) {
-    add_edge_constraints(contact_inputs(w), w.candidates, f.scratch.edge_constraints, w.contact_constraints);
+    add_edge_constraints(contact_inputs(w), w.candidates, w.penetrations, f.scratch.edge_constraints, w.contact_constraints);
 }
 void loaded_constraints(World& w, FrameState&) {
     mark_loaded(surfaces_of(w), w.contact_memory, w.memory_order, w.contact_constraints, w.loaded_constraints);
@@ -209,7 +212,9 @@ bool any_pair(const World& w) {
 bool wants_regions(const World& w) { return w.settings.contact.regions && any_pair(w); }
 bool wants_contours(const World& w) { return (w.settings.contact.contours && any_pair(w)) || wants_regions(w); }
 bool wants_faces(const World& w) { return w.settings.contact.faces && any_pair(w); }
-bool wants_separation_directions(const World& w) { return w.settings.contact.deep != DeepResponse::kNone && any_pair(w); }
+bool wants_separation_directions(const World& w) {
+    return any_pair(w) && (w.settings.contact.deep != DeepResponse::kNone || !w.bodies.rigid_mass.empty());
+}
 bool any_mover(const World& w) { return any_tool(w) || std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands); }
 bool any_deformable(const World& w) { return !w.particles.offset.empty(); }
 bool any_energy(const World& w) { return any_deformable(w) || !w.bodies.rigid_mass.empty(); }
@@ -248,7 +253,7 @@ constexpr FrameStage kStages[] = {
     {S::kTornSprings,     P::kInput,    {"torn springs",    run<stages::torn_springs>,      mask(R::kSprings, R::kSolids, R::kBodies, R::kTears, R::kTorn),
         mask(R::kTornSprings)}, any_tear},
     {S::kBodyBoxes,       P::kDetection,{"body boxes",      run<stages::body_boxes>,        kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kSpawning, R::kNodeState, R::kSleep),
-        mask(R::kBoxes)}, any_pair},
+        mask(R::kBoxes, R::kReport)}, any_pair},
     {S::kFastBodies,      P::kDetection,{"fast bodies",     run<stages::fast_bodies>,       kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kNodeState),
         mask(R::kBoxes, R::kFastBodies)}, any_fast},
     {S::kJoinedBodies,    P::kDetection,{"joined bodies",   run<stages::joined_bodies>,     mask(R::kBodies, R::kLinks, R::kTools),
@@ -258,7 +263,7 @@ constexpr FrameStage kStages[] = {
     {S::kBoxPairs,        P::kDetection,{"box pairs",       run<stages::box_pairs>,         mask(R::kBodies, R::kBoxes, R::kExcludedPairs),
         mask(R::kBoxPairs)}, any_pair},
     {S::kCandidatePairs,  P::kDetection,{"candidate pairs", run<stages::broad_phase_pairs>,   kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kBoxPairs),
-        mask(R::kPairs, R::kDisplacementBounds)}, any_pair},
+        mask(R::kPairs, R::kDisplacementBounds, R::kReport)}, any_pair},
     {S::kSleep,           P::kDetection,{"sleep",           run<stages::sleep>,             mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kJoinedBodies, R::kNodes, R::kSpawning),
         mask(R::kSleep, R::kParticles, R::kPoses, R::kPairs, R::kEnergy, R::kReport)}, anyone_sleeps},
     {S::kRefitTrees,      P::kDetection,{"refit trees",     run<stages::refit>,             kShapes | mask(R::kPairs),
@@ -285,15 +290,15 @@ constexpr FrameStage kStages[] = {
         mask(R::kContacts)}, wants_faces},
     {S::kPenetration,     P::kDetection,{"penetration",     run<stages::penetration>,       mask(R::kPairs, R::kContacts),
         mask(R::kPenetrations, R::kReport)}, any_pair},
-    {S::kDeepOverlap,     P::kDetection,{"deep overlap",    run<stages::deep_overlap>,      kShapes | mask(R::kPairs, R::kContacts, R::kTrees),
-        mask(R::kPairMemory, R::kPenetrations)}, wants_separation_directions},
+    {S::kDeepOverlap,     P::kDetection,{"deep overlap",    run<stages::deep_overlap>,      kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kTrees),
+        mask(R::kPairMemory, R::kPenetrations, R::kSleep)}, wants_separation_directions},
     {S::kRegions,         P::kDetection,{"regions",         run<stages::regions>,           kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours),
         mask(R::kRegions)}, wants_regions},
     {S::kToolsInside,     P::kDetection,{"tools inside",    run<stages::tools_inside>,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kContacts, R::kTrees, R::kTools),
         mask(R::kToolState, R::kReport)}, any_tool_pair},
     {S::kContactConstraints,     P::kDetection,{"contact constraints",    run<stages::contact_constraints>,      kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kContacts, R::kPenetrations, R::kTools, R::kToolState),
         mask(R::kContactConstraints, R::kReport)}, any_pair},
-    {S::kEdgeConstraints,        P::kDetection,{"edge constraints",       run<stages::edge_constraints>,         kShapes | mask(R::kSettings, R::kBoxes, R::kPairs, R::kCandidates),
+    {S::kEdgeConstraints,        P::kDetection,{"edge constraints",       run<stages::edge_constraints>,         kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs, R::kCandidates, R::kPenetrations),
         mask(R::kContactConstraints)}, any_free_pair},
     {S::kLoadedConstraints,      P::kDetection,{"loaded constraints",     run<stages::loaded_constraints>,       kShapes | mask(R::kContactMemory, R::kMemoryOrder, R::kContactConstraints),
         mask(R::kLoadedConstraints)}, any_pair},

@@ -59,6 +59,29 @@ std::vector<Overlap> overlaps(const World& w, double deeper) {
     return list;
 }
 
+// m, how deep the middle of a body's vertices is inside another body; less than 0 if it is not.
+double middle_inside(const World& w, uint32_t body, uint32_t other) {
+    const Surfaces s = surfaces_of(w);
+    const uint32_t count = w.meshes.info[w.bodies.mesh[body]].vertices.count;
+    if (w.meshes.info[w.bodies.mesh[other]].admission == Admission::kSheet || count == 0) return -1;
+    Vec3d middle = Vec3d::Zero();
+    for (uint32_t v = 0; v < count; ++v) middle += vertex_position(s, body, v) / count;
+    return -w.trees[w.bodies.tree[other]]->query(world_to_frame(s, other, middle)).distance;
+}
+
+// Pairs that start deeper than a share of the smaller body. Where bodies nearly coincide no vertex is deep: their middles are.
+std::vector<Overlap> start_overlaps(const World& w, double deeper) {
+    std::vector<Overlap> list = overlaps(w, deeper);
+    for (size_t pair = 0; pair < w.pairs.a.size(); ++pair) {
+        const uint32_t a = w.pairs.a[pair], b = w.pairs.b[pair];
+        const double depth = std::min(middle_inside(w, a, b), middle_inside(w, b, a)), share = depth / smaller_size(w, a, b);
+        const auto known = std::ranges::find_if(list, [&](const Overlap& o) { return o.a == a && o.b == b; });
+        if (known == list.end() && share > deeper) list.push_back({a, b, depth, share});
+        if (known != list.end() && share > known->share) *known = {a, b, depth, share};
+    }
+    return list;
+}
+
 // "a, b and c", the names of at most three, and how many more.
 std::string listed(std::vector<std::string> texts) {
     const size_t more = texts.size() - std::min(texts.size(), kMostNames);
@@ -131,7 +154,7 @@ void RunWatch::after_pass(Frame& frame) {
 
 void RunWatch::look_at_start(World& w) {
     std::vector<std::string> texts;
-    const std::vector<Overlap> deep = overlaps(w, kStartsInside);
+    const std::vector<Overlap> deep = start_overlaps(w, kStartsInside);
     for (const Overlap& o : deep) {
         if (o.share > kStartsDeep)
             texts.push_back(format("\"%s\" and \"%s\" start %.3g mm inside each other, %.2g %% of the smaller one", name_of(w, o.a),

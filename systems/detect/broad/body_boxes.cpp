@@ -111,7 +111,7 @@ void compute_body_box(double period, const Surfaces& s, uint32_t body, BodyBoxes
         box = box_of_offsets(s.particles.offset.data() + first, count);
         const Speeds squared = squared_speeds(s.particles, first, first + count);
         speed = std::sqrt(squared.largest);
-        mean_speed = std::sqrt(squared.mean);
+        mean_speed = boxes.speed[body] = std::sqrt(squared.mean);
     } else {
         box = box_of_rigid(s, body, count);
         speed = boxes.speed[body] + s.poses.angular_velocity[body].norm() * info.radius;
@@ -143,7 +143,7 @@ void empty_boxes_of_absent(const BodyBoxesInputs& in, BodyBoxes& boxes) {
 
 }  // namespace
 
-void compute_body_boxes(const BodyBoxesInputs& in, BodyBoxes& boxes, const SleepingBodies& sleeping_bodies) {
+uint32_t compute_body_boxes(const BodyBoxesInputs& in, BodyBoxes& boxes, const SleepingBodies& sleeping_bodies) {
     const uint32_t count = uint32_t(in.surfaces.bodies.mesh.size());
     if (boxes.box.size() != count) std::fill(sleeping_bodies.seen.begin(), sleeping_bodies.seen.end(), 0);
     boxes.box.resize(count);
@@ -154,6 +154,14 @@ void compute_body_boxes(const BodyBoxesInputs& in, BodyBoxes& boxes, const Sleep
             if (!was_seen(sleeping_bodies, body)) compute_body_box(in.period, in.surfaces, body, boxes);
     });
     empty_boxes_of_absent(in, boxes);
+    uint32_t unswept = 0;
+    for (uint32_t body = 0; body < count; ++body) {
+        const Motion motion = in.surfaces.bodies.motion[body];
+        const double spin = motion == Motion::kKinematic ? in.surfaces.poses.angular_velocity[body].norm() : 0;
+        const double speed = boxes.speed[body] + spin * in.surfaces.meshes.info[in.surfaces.bodies.mesh[body]].radius;
+        unswept += (motion == Motion::kDeformable || motion == Motion::kKinematic) && speed * in.period > boxes.margin[body];
+    }
+    return unswept;
 }
 
 }  // namespace trocar

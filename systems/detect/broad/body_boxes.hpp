@@ -25,7 +25,8 @@ struct BodyBoxesInputs {
 // three mean edges, + 0.05 mean edge, plus half the thickness of a sheet. A rigid body's fastest vertex has
 // boxes.speed + |omega| * radius, with boxes.speed = |v|, for a hand also the speed of its device, for a free
 // body also what gravity adds in the period. One element per body; a body without a finite vertex gets an
-// empty box. Non-finite vertices are skipped. Boxes and margins of bodies still asleep do not change.
-void compute_body_boxes(const BodyBoxesInputs& in, BodyBoxes& boxes, const SleepingBodies& sleeping_bodies = {});
+// empty box. Non-finite vertices are skipped. Boxes and margins of bodies still asleep do not change. Returns how many soft (by root mean
+// square speed) and scripted bodies move farther in the period than their margins: nothing sweeps them, so they may pass through others.
+uint32_t compute_body_boxes(const BodyBoxesInputs& in, BodyBoxes& boxes, const SleepingBodies& sleeping_bodies = {});
 
 }  // namespace trocar

@@ -61,8 +61,34 @@ uint32_t count_rounds(const Surfaces& s, const BroadPhasePairs& pairs, const Con
         const double rounds = (speed * seconds + fall) / longest_way(tolerance, std::min(radius_of(s, a), radius_of(s, b)));
         if (std::isfinite(rounds)) most = std::max(most, rounds);
     }
-    const auto affordable = static_cast<double>(std::max<uint64_t>(1, kMostPairRounds / std::max<size_t>(1, pairs.a.size())));
+    const size_t looks = std::clamp<size_t>(pairs.a.size(), 1, kMostNeighbours / 2 * std::max<size_t>(1, s.bodies.rigid_mass.size()));
+    const auto affordable = static_cast<double>(std::max<uint64_t>(1, kMostPairRounds / looks));
     return static_cast<uint32_t>(std::ceil(std::min({most, affordable, 1e3})));
+}
+
+uint64_t defer_pairs(const Surfaces& s, uint64_t tick, BroadPhasePairs& pairs) {
+    const auto triangles = [&](uint32_t body) { return uint64_t{s.meshes.info[s.bodies.mesh[body]].triangles.count}; };
+    const auto work_of = [&](size_t i) {
+        const Motion a = s.bodies.motion[pairs.a[i]], b = s.bodies.motion[pairs.b[i]];
+        return a == Motion::kFree && b == Motion::kFree ? triangles(pairs.a[i]) + triangles(pairs.b[i]) : 0;
+    };
+    uint64_t most = 0, work = 0;
+    for (const RigidMass& free : s.bodies.rigid_mass) most += kMostNeighbours * triangles(static_cast<uint32_t>(free.body));
+    if (pairs.a.size() <= kMostNeighbours / 2) return 0;
+    for (size_t i = 0; i < pairs.a.size(); ++i) work += work_of(i);
+    if (work <= most) return 0;
+    // each pair's turn comes with the same probability
+    const double share = static_cast<double>(most) / static_cast<double>(work);
+    size_t kept = 0;
+    for (size_t i = 0; i < pairs.a.size(); ++i) {
+        uint64_t dice = (i + 1) * 0x9e3779b97f4a7c15ull ^ (tick + 1) * 0xbf58476d1ce4e5b9ull;
+        dice = (dice ^ dice >> 30) * 0x94d049bb133111ebull;
+        if (work_of(i) > 0 && static_cast<double>(dice >> 11) * 0x1p-53 > share) continue;
+        pairs.a[kept] = pairs.a[i], pairs.b[kept++] = pairs.b[i];
+    }
+    const uint64_t deferred = pairs.a.size() - kept;
+    pairs.a.resize(kept), pairs.b.resize(kept);
+    return deferred;
 }
 
 }  // namespace trocar

@@ -7,7 +7,11 @@ namespace trocar {
 // found anew goes about s^2 / 2 L into what has no constraint yet. Passes with fast rigid bodies are therefore divided into rounds.
 
 // How many pairs of bodies, counted over its rounds, a pass may look at to be divided: some seconds of a processor.
-inline constexpr uint64_t kMostPairRounds = 1 << 15;
+inline constexpr uint64_t kMostPairRounds = 1 << 17;
+
+// Triangles that the pairs of free bodies may bring into a round, per triangle of a free body: 24 neighbours each, more than what
+// does not overlap has.
+inline constexpr uint64_t kMostNeighbours = 48;
 
 // Whether a free body moves so far in `seconds` that a pass may need rounds. `fall`: m, displacement by gravity.
 bool may_need_rounds(const Surfaces& surfaces, double fall, double tolerance, double seconds);
@@ -16,5 +20,8 @@ bool may_need_rounds(const Surfaces& surfaces, double fall, double tolerance, do
 // velocity counts; of a pair that presses already (`pressed`: the contacts of the preceding round) only what closes it or turns.
 uint32_t count_rounds(const Surfaces& surfaces, const BroadPhasePairs& pairs, const ContactMemory& pressed, double fall, double tolerance,
                       double seconds);
+
+// Leaves out pairs of moving rigid bodies beyond kMostNeighbours, others at another tick. Returns how many.
+uint64_t defer_pairs(const Surfaces& surfaces, uint64_t tick, BroadPhasePairs& pairs);
 
 }  // namespace trocar

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -43,8 +44,8 @@ bool near_medial_axis(const ContactInputs& in, const Contacts& contacts, uint32_
            direction_to_world(s, other, there.normal).dot(contacts.normal[witness]) < kConflictCosine;
 }
 
-// The direction, of 26 and the line between centres, in which b leaves the slab around a soonest.
-Vec3d shortest_separation(const Surfaces& s, uint32_t a, uint32_t b) {
+// The direction, of `tried`, 26 and the line between centres, in which b leaves the slab around a soonest.
+Vec3d shortest_separation(const Surfaces& s, uint32_t a, uint32_t b, std::span<const Vec3d> tried = {}) {
     std::vector<Vec3d> point[2];
     Vec3d middle[2] = {Vec3d::Zero(), Vec3d::Zero()};
     for (int side = 0; side < 2; ++side) {
@@ -62,6 +63,7 @@ Vec3d shortest_separation(const Surfaces& s, uint32_t a, uint32_t b) {
         for (const Vec3d& p : point[1]) bottom = std::min(bottom, direction.dot(p));
         if (top - bottom < soonest) soonest = top - bottom, best = direction;
     };
+    for (const Vec3d& direction : tried) try_direction(direction);
     const Vec3d apart = middle[1] - middle[0];
     if (apart.norm() > 0) try_direction(apart.normalized());
     for (int i = 0; i < 27; ++i) {
@@ -161,10 +163,42 @@ void remember_separation_directions(const ContactInputs& in, const Contacts& con
     }
 }
 
+void part_rigid_pairs(const ContactInputs& in, const Contacts& contacts, Penetrations& penetrations, std::span<uint32_t> still) {
+    constexpr double kDeep = 0.01;  // of the smaller body
+    constexpr size_t kMostNormals = 16;
+    const Surfaces& s = in.surfaces;
+    parallel_for(uint32_t(penetrations.pair.size()), 16, [&](uint32_t begin, uint32_t end) {
+        std::vector<Vec3d> normals;
+        for (uint32_t i = begin; i < end; ++i) {
+            const uint32_t pair = penetrations.pair[i], a = in.pairs.a[pair], b = in.pairs.b[pair];
+            const auto radius = [&](uint32_t body) { return s.meshes.info[s.bodies.mesh[body]].radius; };
+            const auto moves = [&](Motion motion) { return s.bodies.motion[a] == motion || s.bodies.motion[b] == motion; };
+            if (!moves(Motion::kFree) || moves(Motion::kDeformable) || moves(Motion::kHand) || penetrations.saturated[i]) continue;
+            if (!(penetrations.depth[i] > kDeep * 2 * std::min(radius(a), radius(b)))) continue;
+            normals.clear();
+            auto index = std::ranges::lower_bound(contacts.pair, pair) - contacts.pair.begin();
+            for (; size_t(index) < contacts.pair.size() && contacts.pair[index] == pair && normals.size() < kMostNormals; ++index)
+                if (contacts.distance[index] <= 0) normals.push_back(separation_direction(in.pairs, contacts, uint32_t(index)));
+            penetrations.saturated[i] = 1;
+            penetrations.separation_direction[i] = shortest_separation(s, a, b, normals);
+        }
+    });
+    // position correction moves bodies without a velocity: they are not at rest
+    for (uint32_t i = 0; i < penetrations.pair.size() && !still.empty(); ++i) {
+        const uint32_t a = in.pairs.a[penetrations.pair[i]], b = in.pairs.b[penetrations.pair[i]];
+        if (is_deformable(s.bodies, a) || is_deformable(s.bodies, b) || !(penetrations.depth[i] > in.params.tolerance)) continue;
+        for (const uint32_t body : {a, b})
+            if (s.bodies.motion[body] == Motion::kFree) still[body] = 0;
+    }
+}
+
 void find_separation_directions(const ContactInputs& in, const Contacts& contacts, PairMemory& before, PairMemory& memory,
-                                Penetrations& penetrations) {
-    mark_saturated(in, contacts, penetrations);
-    remember_separation_directions(in, contacts, before, memory, penetrations);
+                                Penetrations& penetrations, std::span<uint32_t> still) {
+    if (in.params.deep != DeepResponse::kNone) {
+        mark_saturated(in, contacts, penetrations);
+        remember_separation_directions(in, contacts, before, memory, penetrations);
+    }
+    part_rigid_pairs(in, contacts, penetrations, still);
 }
 
 }  // namespace trocar

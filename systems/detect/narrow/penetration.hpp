@@ -1,4 +1,6 @@
 #pragma once
+#include <span>
+
 #include "components/report.hpp"
 #include "engine/contact/contact_inputs.hpp"
 namespace trocar {
@@ -24,8 +26,13 @@ void mark_saturated(const ContactInputs& in, const Contacts& contacts, Penetrati
 void remember_separation_directions(const ContactInputs& in, const Contacts& contacts, PairMemory& before, PairMemory& memory,
                                     Penetrations& penetrations);
 
-// Both: finds the separation directions of deep pairs.
+// Marks overlapping pairs of a free and a rigid body as saturated if they are deeper than a hundredth of the smaller one, and gives them
+// the direction of the shortest translation that separates them: shallow contacts push such a pair out at several sides at once.
+// Free bodies deeper than the tolerance are not `still` (ms, Sleep::still; may be empty).
+void part_rigid_pairs(const ContactInputs& in, const Contacts& contacts, Penetrations& penetrations, std::span<uint32_t> still);
+
+// All: the separation directions of deep pairs; of those that are not rigid with DeepResponse::kLastFree.
 void find_separation_directions(const ContactInputs& in, const Contacts& contacts, PairMemory& before, PairMemory& memory,
-                                Penetrations& penetrations);
+                                Penetrations& penetrations, std::span<uint32_t> still = {});
 
 }  // namespace trocar
