@@ -5,15 +5,14 @@ namespace trocar {
 // instruction set, and inline code in them would replace the copy of all other files. All arrays are those of
 // one body, 16 elements per slice.
 struct SpringStep {
-    const float* offset;                                         // 4 per particle, m; w = inverse mass 1/kg
-    float* new_offset;                                           // 4 per particle
-    const float *velocity_x, *velocity_y, *velocity_z;           // m/s, half a step behind
-    float *new_velocity_x, *new_velocity_y, *new_velocity_z;     // may be the same arrays
-    float *remainder_x, *remainder_y, *remainder_z;              // m, rounding errors of the positions (compensated summation); may be null
-    float *new_remainder_x, *new_remainder_y, *new_remainder_z;  // the same arrays unless stiff
-    const unsigned* slice_column;                                // slices + 1
-    const unsigned* neighbour;                                   // 16 per column: particle at the far end, itself = padding
-    const float* rest_length;                                    // 16 per column, m
+    const float* offset;                                      // 4 per particle, m; w = inverse mass 1/kg
+    float* new_offset;                                        // 4 per particle
+    const float *velocity_x, *velocity_y, *velocity_z;        // m/s, half a step behind
+    float *new_velocity_x, *new_velocity_y, *new_velocity_z;  // may be the same arrays
+    float *remainder_x, *remainder_y, *remainder_z;           // m, rounding errors of the positions (compensated summation); may be null
+    const unsigned* slice_column;                             // slices + 1
+    const unsigned* neighbour;                                // 16 per column: particle at the far end, itself = padding
+    const float* rest_length;                                 // 16 per column, m
     const unsigned short* packed;                 // 32 per column from first_column on, see Springs::packed; null = use the two above
     const float* spring_factor;                   // 16 per column: stiffness of a spring / `stiffness`; null = 1
     const float* anchor_stiffness;                // N/m
@@ -25,7 +24,7 @@ struct SpringStep {
     float centre_rest[3];                         // m, rounding error of centre in float
     float stiffness;                              // N/m, of every spring, times its factor
     float dt;                                     // s, of the drift
-    unsigned stiff;                               // 1: springs and anchors pull at offset + remainder
+    long remainder_step;                          // from a remainder to its place after the step; not 0 = stiff: forces see remainders
     unsigned first_column;
     float rest_unit;         // m, of packed
     float kick_dt;           // s, mean of this and the preceding substep, times the mean fraction of an impulse that damping leaves

@@ -48,11 +48,12 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
             const Lanes q =
                 kPacked ? gather4_near(body->offset, packed, long{16 * slice} - 32768) : gather4(body->offset, body->neighbour + h + lane);
             const V rest = kPacked ? widen(packed + 16) * set(body->rest_unit) : load(body->rest_length + h + lane);
-            const auto apart = [&](V to, V from, const float* remainder) __attribute__((always_inline)) {
-                return kStiff ? (to - from) + (gather(remainder, body->neighbour + h + lane) - load(remainder + base)) : to - from;
-            };
-            const V dx = apart(q.x, p.x, body->remainder_x), dy = apart(q.y, p.y, body->remainder_y),
-                    dz = apart(q.z, p.z, body->remainder_z);
+            V dx = q.x - p.x, dy = q.y - p.y, dz = q.z - p.z;
+            if constexpr (kStiff) {
+                dx = dx + (gather(body->remainder_x, body->neighbour + h + lane) - load(body->remainder_x + base));
+                dy = dy + (gather(body->remainder_y, body->neighbour + h + lane) - load(body->remainder_y + base));
+                dz = dz + (gather(body->remainder_z, body->neighbour + h + lane) - load(body->remainder_z + base));
+            }
             const V length = root(squared_length(dx, dy, dz));
             V tension = where_positive(length, one - rest / length);
             if (kVaried) tension = tension * load(body->spring_factor + h + lane);
@@ -66,12 +67,15 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
         if (any_in_slice(body->anchor_stiffness + 16 * slice)) {  // a slice that nothing holds has no goals to read
             const V anchor = load(body->anchor_stiffness + base);
             const Goals goals = load_goals(body, base);
-            const auto goal = [&](int axis, V x, const float* remainder) __attribute__((always_inline)) {
-                return kStiff ? to_goal_exactly(body, goals, axis, x, load(remainder + base)) : to_goal(body, goals, axis, x);
-            };
-            fx = multiply_add(anchor, goal(0, p.x, body->remainder_x), fx);
-            fy = multiply_add(anchor, goal(1, p.y, body->remainder_y), fy);
-            fz = multiply_add(anchor, goal(2, p.z, body->remainder_z), fz);
+            if constexpr (kStiff) {
+                fx = multiply_add(anchor, to_goal_exactly(body, goals, 0, p.x, load(body->remainder_x + base)), fx);
+                fy = multiply_add(anchor, to_goal_exactly(body, goals, 1, p.y, load(body->remainder_y + base)), fy);
+                fz = multiply_add(anchor, to_goal_exactly(body, goals, 2, p.z, load(body->remainder_z + base)), fz);
+            } else {
+                fx = multiply_add(anchor, to_goal(body, goals, 0, p.x), fx);
+                fy = multiply_add(anchor, to_goal(body, goals, 1, p.y), fy);
+                fz = multiply_add(anchor, to_goal(body, goals, 2, p.z), fz);
+            }
         }
         if (body->force_x) fx = fx + load(body->force_x + base), fy = fy + load(body->force_y + base), fz = fz + load(body->force_z + base);
 
@@ -105,16 +109,15 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
         const V dt = set(body->dt);
         Lanes next = {multiply_add(nx, dt, p.x), multiply_add(ny, dt, p.y), multiply_add(nz, dt, p.z), p.w};
         if (body->remainder_x) {
-            const auto advance_with_remainder = [&](const float* remainder, float* new_remainder, V v, V from)
-                __attribute__((always_inline)) {
+            const auto advance_with_remainder = [&](float* remainder, V v, V from) __attribute__((always_inline)) {
                 const V displacement = multiply_add(v, dt, load(remainder + base));
                 const V to = from + displacement;
-                keep_store(new_remainder + base, displacement - (to - from));
+                keep_store(remainder + (kStiff ? body->remainder_step : 0) + base, displacement - (to - from));
                 return to;
             };
-            next.x = advance_with_remainder(body->remainder_x, body->new_remainder_x, nx, p.x);
-            next.y = advance_with_remainder(body->remainder_y, body->new_remainder_y, ny, p.y);
-            next.z = advance_with_remainder(body->remainder_z, body->new_remainder_z, nz, p.z);
+            next.x = advance_with_remainder(body->remainder_x, nx, p.x);
+            next.y = advance_with_remainder(body->remainder_y, ny, p.y);
+            next.z = advance_with_remainder(body->remainder_z, nz, p.z);
         }
         store4(body->new_offset + 4ul * base, next);
     }
@@ -122,15 +125,16 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
 
 void step(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
     const bool varied = body->spring_factor;
-    const auto kernel = body->stiff    ? (varied ? step_springs<true, false, true> : step_springs<false, false, true>)
-                        : body->packed ? (varied ? step_springs<true, true, false> : step_springs<false, true, false>)
-                                       : (varied ? step_springs<true, false, false> : step_springs<false, false, false>);
+    const auto kernel = body->remainder_step != 0 ? (varied ? step_springs<true, false, true> : step_springs<false, false, true>)
+                        : body->packed            ? (varied ? step_springs<true, true, false> : step_springs<false, true, false>)
+                                                  : (varied ? step_springs<true, false, false> : step_springs<false, false, false>);
     kernel(body, first, last, damping_work);
 }
 
 TROCAR_LANES D mass_of(D inverse_mass) { return where_positive(inverse_mass, set_wide(1.0) / inverse_mass); }
 
-void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* sums) {
+template <bool kStiff>
+void sum_shape(const SpringStep* body, unsigned first, unsigned last, double* sums) {
     const D back = set_wide(body->back);
     for (unsigned lane = 0; lane < 16; lane += kWide) {
         D total[kShapeSums];
@@ -143,7 +147,7 @@ void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* s
             const D v[3] = {widened(body->velocity_x + base), widened(body->velocity_y + base), widened(body->velocity_z + base)};
             const float* const remainder[3] = {body->remainder_x, body->remainder_y, body->remainder_z};
             for (int i = 0; i < 3; ++i) {
-                if (body->stiff) x[i] = x[i] + widened(remainder[i] + base);
+                if (kStiff) x[i] = x[i] + widened(remainder[i] + base);
                 x[i] = subtract_product(x[i], back, v[i]);
             }
             total[kSumK] = total[kSumK] + k;
@@ -168,6 +172,10 @@ void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* s
         }
         for (int s = 0; s < kShapeSums; ++s) keep_store(sums + 16 * s + lane, total[s]);
     }
+}
+
+void shape_sums(const SpringStep* body, unsigned first, unsigned last, double* sums) {
+    (body->remainder_step != 0 ? sum_shape<true> : sum_shape<false>)(body, first, last, sums);
 }
 
 // The sums of moving masses, for one half of the lanes in double.

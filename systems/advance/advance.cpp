@@ -82,18 +82,17 @@ bool carry_remainder(const AdvanceCall& call, uint32_t body) {
 void give_remainders(const AdvanceCall& call, uint32_t particles, TissueScratch& scratch, AdvanceIsland& island) {
     const auto carries = [&](const AdvanceBody& b) { return carry_remainder(call, b.body); };
     if (std::none_of(island.body.begin(), island.body.end(), carries)) return;
-    scratch.remainder.assign(size_t{6} * particles, 0.0f);
+    const auto is_stiff = [&](const AdvanceBody& b) {
+        return carries(b) && is_heated_by_rounding(call.inputs.meshes.info[call.inputs.bodies.mesh[b.body]].radius, call.dt);
+    };
+    const size_t copies = std::any_of(island.body.begin(), island.body.end(), is_stiff) ? 2 : 1;
+    scratch.remainder.assign(3 * copies * particles, 0.0f);
     for (AdvanceBody& b : island.body) {
         if (!carries(b)) continue;
-        SpringStep& step = b.step;
-        step.stiff = is_heated_by_rounding(call.inputs.meshes.info[call.inputs.bodies.mesh[b.body]].radius, call.dt);
-        step.remainder_x = scratch.remainder.data() + b.buffer;
-        step.remainder_y = step.remainder_x + particles;
-        step.remainder_z = step.remainder_y + particles;
-        const size_t apart = step.stiff ? size_t{3} * particles : 0;  // neighbours read the former ones
-        step.new_remainder_x = step.remainder_x + apart;
-        step.new_remainder_y = step.remainder_y + apart;
-        step.new_remainder_z = step.remainder_z + apart;
+        b.step.remainder_step = is_stiff(b) ? long{3} * particles : 0;  // neighbours read the former ones
+        b.step.remainder_x = scratch.remainder.data() + b.buffer;
+        b.step.remainder_y = b.step.remainder_x + particles;
+        b.step.remainder_z = b.step.remainder_y + particles;
     }
 }
 
@@ -152,9 +151,9 @@ void step_leapfrog(const AdvanceCall& call, Poses& poses, AdvanceBody& b, std::v
     for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
         kernels.step(&b.step, begin, end, b.damping_work ? b.damping_work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
     });
-    std::swap(b.step.remainder_x, b.step.new_remainder_x);
-    std::swap(b.step.remainder_y, b.step.new_remainder_y);
-    std::swap(b.step.remainder_z, b.step.new_remainder_z);
+    if (b.step.remainder_step == 0) return;
+    for (float** remainder : {&b.step.remainder_x, &b.step.remainder_y, &b.step.remainder_z}) *remainder += b.step.remainder_step;
+    b.step.remainder_step = -b.step.remainder_step;
 }
 
 // Forces besides springs and anchors at a substep's start. Returns whether a leapfrog body needs finer steps.
@@ -272,6 +271,7 @@ void round_remainders(const AdvanceCall& call, const AdvanceBody& b, Particles& 
     const float* remainder[3] = {b.step.remainder_x, b.step.remainder_y, b.step.remainder_z};
     uint64_t seed = (call.params.tick + 1) * 0xbf58476d1ce4e5b9ull;
     seed ^= seed >> 29;
+    const bool stiff = b.step.remainder_step != 0;
     const auto round = [&](uint32_t v) {
         Float4& o = particles.offset[b.particles.first + v];
         if (!(o.w > 0)) return;
@@ -283,9 +283,9 @@ void round_remainders(const AdvanceCall& call, const AdvanceBody& b, Particles& 
             const int32_t away = (from != 0) * (2 * ((r > 0) == (from > 0)) - 1);
             const float next = std::bit_cast<float>(std::bit_cast<int32_t>(from) + away);
             const float dice = static_cast<float>(static_cast<int32_t>(z >> (4 + 20 * i) & 0xfffff)) * 0x1p-20f;
-            const bool onwards = b.step.stiff && b.step.anchor_stiffness[v] > 0 ? (r > 0) == (goal_of(b.step, v, i) > double{from} + r)
-                                                                                : std::abs(r) > dice * std::abs(next - from);
-            *position[i] = r != 0 && onwards ? next : from;
+            *position[i] = std::abs(r) > dice * std::abs(next - from) ? next : from;
+            if (stiff && b.step.anchor_stiffness[v] > 0)
+                *position[i] = r != 0 && (r > 0) == (goal_of(b.step, v, i) > double{from} + r) ? next : from;
         }
     };
     parallel_for_even(b.particles.count, kSlicesPerChunk * kSliceWidth, kLeastShared, [&](uint32_t begin, uint32_t end) {

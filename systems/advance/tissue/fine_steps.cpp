@@ -162,7 +162,7 @@ double step_finely(const AdvanceCall& call, const AdvanceIsland& island, TissueS
     const double dt = call.dt / count;
     TetStep tets = bind_loose_tets(call, state.particles, b, scratch);
     SpringStep step = b.step;
-    step.remainder_x = step.remainder_y = step.remainder_z = nullptr, step.stiff = 0;
+    step.remainder_x = step.remainder_y = step.remainder_z = nullptr, step.remainder_step = 0;
     float* const force[3] = {tets.force_x, tets.force_y, tets.force_z};
     step.force_x = force[0], step.force_y = force[1], step.force_z = force[2];
     s.sums.assign(size_t{chunk_count(b.slices, kSlicesPerChunk)} * kSliceWidth, 0.0);
