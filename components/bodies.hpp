@@ -24,15 +24,15 @@ enum class AnchorFrame : uint8_t {
 };
 
 enum class Integrator : uint8_t {
-    kLeapfrog,  // explicit, second order; stable up to Bodies::stable_dt
-    kMidpoint,  // linearised implicit midpoint, conjugate gradients: for stiff anchored bodies
+    kLeapfrog,       // explicit, second order; stable up to Bodies::stable_dt
+    kBackwardEuler,  // implicit, first order: for stiff shells and sheets
 };
 
 // Time integration of a deformable body.
 struct Stepping {
     Integrator integrator = Integrator::kLeapfrog;
-    uint32_t iterations = 10;  // midpoint: most of the conjugate gradients
-    double tolerance = 1e-3;   // midpoint: residual of the velocities relative to the initial one at which iteration stops
+    uint32_t iterations = 10;  // backward Euler: most solutions in a step
+    double tolerance = 1e-3;   // backward Euler: largest change relative to the largest displacement at which iteration stops
     double step = std::numeric_limits<double>::infinity();  // s, upper limit; leapfrog also obeys stable_dt and the settings
     TROCAR_FIELDS(integrator, iterations, tolerance, step, "s");
 };

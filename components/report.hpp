@@ -68,8 +68,8 @@ inline constexpr uint8_t kOfRun = kInMetrics | kOnPage;  // counted by the run, 
     ISLAND(kSum, runaway_bodies, "", kTrouble, "times a body was restored because its energy had grown spontaneously")                 \
     PASS(kSum, awake_bodies, "", kFigure, "deformable bodies that were moved in the last pass")                                        \
     PASS(kSum, asleep_bodies, "", kFigure, "deformable bodies that slept in the last pass")                                            \
-    ISLAND(kSum, implicit_steps, "", kFigure, "steps of bodies by implicit midpoint")                                                  \
-    ISLAND(kSum, implicit_iterations, "", kFigure, "iterations of conjugate gradients in all of them")                                 \
+    ISLAND(kSum, implicit_steps, "", kFigure, "steps of bodies by backward Euler")                                                     \
+    ISLAND(kSum, implicit_iterations, "", kFigure, "iterations in all of them")                                                        \
     PASS(kSum, tools_inside, "", kTrouble, "times a tool was found inside a body, which let it go until it was pushed out")            \
     PASS(kSum, links, "", kFigure, "springs between bodies that hold now")                                                             \
     ISLAND(kSum, broken_links, "", kEvent, "springs between bodies that broke")                                                        \
@@ -77,7 +77,7 @@ inline constexpr uint8_t kOfRun = kInMetrics | kOnPage;  // counted by the run, 
     PASS(kSum, removed_triangles, "", kEvent, "triangles that were cut away")                                                          \
     PASS(kSum, removed_tetrahedra, "", kEvent, "tetrahedra that were cut away")                                                        \
     PASS(kSum, opened_bodies, "", kEvent, "closed surfaces that a cut opened or made non-manifold: inside by winding number")          \
-    ISLAND(kGreatest, worst_implicit_residual, "", kFigure, "largest residual of an implicit step, as Stepping::tolerance")            \
+    ISLAND(kGreatest, worst_implicit_residual, "", kFigure, "largest change left by an implicit step, as Stepping::tolerance")         \
     PASS(kSum, start_overlaps, "", kOfRun, "pairs of bodies started more than 1 % of the smaller one inside each other")               \
     PASS(kSum, left_overlaps, "", kOfRun, "pairs of bodies were left more than 2 % of the smaller one inside each other")              \
     PASS(kSum, unearned_energy, "", kOfRun, "pictures with more energy, or work of contact or numerics, than had entered the scene")   \

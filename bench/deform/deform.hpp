@@ -27,6 +27,8 @@ BulletDeformable bullet_deformable(const SpringGraph& graph, double dt, double d
 
 // Error against time: integrators, steps, stiffness. `cache`: folder for references; empty = none.
 void error_rows(Report& report, const std::string& cache);
+// Processor time and error of a held sheet by both integrators.
+void sheet_rows(Report& report);
 // Errors of solids against closed forms, with those of finite elements.
 void model_rows(Report& report);
 

@@ -228,7 +228,7 @@ void stability_rows(Report& report) {
 }  // namespace
 }  // namespace trocar::bench
 
-// Deformation: deform [rates|threads|stability|errors|models] [--quick] [--json FILE] [--cache DIR]
+// Deformation: deform [rates|threads|stability|errors|sheets|models] [--quick] [--json FILE] [--cache DIR]
 int deform_suite(int argc, char** argv) {
     using namespace trocar::bench;
     Report report("deform", argc, argv);
@@ -239,13 +239,14 @@ int deform_suite(int argc, char** argv) {
         std::copy(argv + i + 2, argv + argc, argv + i);
         argc -= 2;
     }
-    report.check_parts(argc, argv, {"rates", "threads", "stability", "errors", "models"});
+    report.check_parts(argc, argv, {"rates", "threads", "stability", "errors", "sheets", "models"});
     const std::string only = argc > 1 ? argv[1] : "";
     const auto wanted = [&](const char* part) { return only.empty() || only == part; };
     if (wanted("rates")) rate_rows(report);
     if (wanted("threads")) thread_rows(report);
     if (wanted("stability")) stability_rows(report);
     if (wanted("errors")) error_rows(report, cache);
+    if (wanted("sheets")) sheet_rows(report);
     if (wanted("models")) model_rows(report);
     return report.finish();
 }

@@ -183,12 +183,13 @@ BodySpec read_body(TomlSection section) {
     section.read("skin", body.skin);
     section.read("fixed_below", body.fixed_below);
     section.read("integrator", body.integrator);
-    if (body.integrator == "xpbd") {
-        section.fail(*section.find("integrator"), "integrator \"xpbd\" is not offered: take \"leapfrog\"");
+    if (body.integrator == "xpbd" || body.integrator == "midpoint") {
+        section.fail(*section.find("integrator"),
+                     "integrator \"" + body.integrator + "\" is not offered: take \"leapfrog\", or \"implicit\" for shells and sheets");
     }
-    constexpr const char* kIntegrators[] = {"leapfrog", "midpoint", "auto"};
+    constexpr const char* kIntegrators[] = {"leapfrog", "implicit", "auto"};
     if (std::find(std::begin(kIntegrators), std::end(kIntegrators), body.integrator) == std::end(kIntegrators))
-        section.fail(*section.find("integrator"), "integrator \"" + body.integrator + "\" is none of leapfrog, midpoint, auto");
+        section.fail(*section.find("integrator"), "integrator \"" + body.integrator + "\" is none of leapfrog, implicit, auto");
     section.read_count("iterations", body.iterations, 1, 1e4);
     section.read("step", body.step, 1e-9, 1);
     section.read("thickness", body.thickness, 1e-9, 1e3);

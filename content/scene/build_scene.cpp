@@ -125,7 +125,7 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
                        world.solids.info[prototype].nodes.count, world.bodies.stable_dt[body] / step_of_skin(world, body));
     }
     if (is_deformable(world.bodies, body)) {
-        constexpr const char* kIntegrators[] = {"leapfrog", "midpoint"};
+        constexpr const char* kIntegrators[] = {"leapfrog", "backward Euler"};
         note += format(", E %.3g Pa, explicit step at most %.3g ms, stepped by %s", world.bodies.tissue[body].youngs_modulus,
                        world.bodies.stable_dt[body] * 1e3, kIntegrators[static_cast<size_t>(stepping_of(world.bodies, body).integrator)]);
     }
@@ -438,54 +438,32 @@ struct PrototypeCache {
     }
 };
 
-// Largest step (s) for the forces that implicit steps treat explicitly: pressure and bending. Midpoint is
-// stable up to 2 / omega, like leapfrog; alternating with backward Euler (in contact), up to 2 / (sqrt(3)
-// omega).
-double other_forces_limit(const World& world, uint32_t body) {
-    double omega_squared = 0;
-    if (has_pressure(world.bodies, body)) omega_squared += pressure_omega_squared(world.springs, world.bodies, world.particles, body);
-    if (has_bending(world.bodies, body)) omega_squared += bending_omega_squared(world.springs, world.bodies, world.particles, body);
-    return omega_squared > 0 ? kStableShare * 2 / std::sqrt(3 * omega_squared) : std::numeric_limits<double>::infinity();
-}
-
 constexpr double kLeastStep =
     1e-9;  // s, as of the keys step and substep: a million steps a millisecond, whose number is counted in 32 bits
 
-// Stepping parameters of a body for an integrator; step and iterations come from the scene, 0 = default.
-Stepping make_stepping(const SceneFile& scene, const BodySpec& spec, const World& world, uint32_t body, Integrator integrator) {
-    const double step = spec.step;
-    Stepping stepping;
-    stepping.integrator = integrator;
-    const bool solid = is_solid(world.solids, world.bodies.mesh[body]);
+// Chooses the integrator of a deformable body and its parameters; "auto" is leapfrog, the fastest that is right for every load.
+void choose_stepping(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body) {
+    constexpr double kUsualStep = 1.0 / 480;  // s
+    constexpr uint32_t kUsualIterations = 10;
+    const bool implicit = spec.integrator == "implicit";
     const double limit = world.bodies.stable_dt[body];
-    const double others = other_forces_limit(world, body);
-    if (integrator != Integrator::kLeapfrog && step > others)
-        refuse_body(scene, spec, format("step = %g s is above the largest stable step under pressure and bending, %.4g s", step, others));
-    if (integrator == Integrator::kLeapfrog && step > limit)
-        refuse_body(scene, spec,
-                    format("step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one", step, limit));
-    if (integrator == Integrator::kLeapfrog && step == 0) return stepping;               // the default of every body
-    const double usual = integrator == Integrator::kLeapfrog ? 0 : solid ? 2e-3 : 5e-3;  // s; 5 ms gives overlaps of mm
-    stepping.step = step > 0 ? step : std::min(others, usual);
-    // to a residual of 1e-3 conjugate gradients need about three iterations per explicit step
-    const double needed = std::min(3 * stepping.step / limit, 1e4);
-    stepping.iterations = spec.iterations > 0 ? spec.iterations : std::max(solid ? 30u : 10u, static_cast<uint32_t>(needed));
-    return stepping;
-}
-
-// Chooses the integrator of a deformable body: "auto" is leapfrog, the fastest that is right for every load.
-void choose_stepping(const SceneFile& scene, const BodySpec& spec, World& world, uint32_t body, std::vector<std::string>& warnings) {
-    const bool midpoint = spec.integrator == "midpoint";
-    if (const double limit = world.bodies.stable_dt[body]; !midpoint && limit < kLeastStep)
+    if (implicit && is_solid(world.solids, world.bodies.mesh[body]))
+        refuse_body(
+            scene, spec,
+            "integrator = \"implicit\" is for shells and sheets: no constant matrix bounds the volumes of a solid. Take \"leapfrog\"");
+    if (!implicit && limit < kLeastStep)
         refuse_body(
             scene, spec,
             format("its explicit step would be %.3g s, and the least is %g s: it is too stiff, light or finely meshed", limit, kLeastStep));
-    if (!midpoint && spec.step == 0) return;
+    if (!implicit && spec.step > limit)
+        refuse_body(scene, spec,
+                    format("step = %g s is above the largest stable step of leapfrog, %.4g s; take a shorter one", spec.step, limit));
+    if (!implicit && spec.step == 0) return;  // the default of every body
     world.bodies.stepping.resize(body + 1);
-    world.bodies.stepping[body] = make_stepping(scene, spec, world, body, midpoint ? Integrator::kMidpoint : Integrator::kLeapfrog);
-    if (midpoint && spec.copy == 0)
-        warnings.push_back("body \"" + spec.name +
-                           "\" is stepped by midpoint, which takes energy from motion and slides too slowly; leapfrog is as fast");
+    Stepping& stepping = world.bodies.stepping[body];
+    stepping.integrator = implicit ? Integrator::kBackwardEuler : Integrator::kLeapfrog;
+    stepping.step = spec.step > 0 ? spec.step : kUsualStep;
+    stepping.iterations = spec.iterations > 0 ? spec.iterations : kUsualIterations;
 }
 
 // Makes an object pool of the copies up to `last`; they are inactive until they are spawned.
@@ -536,7 +514,7 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
         make_deformable(world, body, spec.fixed_below);
         if (!spec.regions.empty()) add_tissue_regions(scene, spec, world, body);
         if (may_tear(scene, spec)) let_tear(world, body, spec.break_strain);
-        choose_stepping(scene, spec, world, body, built.warnings);
+        choose_stepping(scene, spec, world, body);
     }
     if (spec.scatter.rate > 0 && spec.copy + 1 == spec.scatter.count) add_pool(scene, spec, body, world);
     if (spec.copy > 0) return;

@@ -41,8 +41,8 @@ struct BodySpec {
     double spacing = 0;                                             // m, solids: lattice spacing; 0 = from cells
     bool skin = false;                                              // solids: embed the given surface in the tetrahedra
     bool bed = false;                                               // solids: elastic foundation, like a shell's
-    std::string integrator = "leapfrog";                            // leapfrog | midpoint | auto
-    uint32_t iterations = 0;                                        // midpoint: conjugate gradients at most; 0 = usual
+    std::string integrator = "leapfrog";                            // leapfrog | implicit | auto
+    uint32_t iterations = 0;                                        // implicit: iterations of a step at most; 0 = usual
     double step = 0;                                                // s, largest step of this body; 0 = default
     double fixed_below = -1e300;                                    // m, vertices with lower rest z are fixed
     double thickness = 1e-3;                                        // m, sheets

@@ -57,7 +57,7 @@ constexpr DeepResponse last_of(DeepResponse) { return DeepResponse::kLastFree; }
 constexpr EffectKind last_of(EffectKind) { return EffectKind::kMagnet; }
 constexpr EffectTrigger last_of(EffectTrigger) { return EffectTrigger::kRelease; }
 constexpr HapticEventKind last_of(HapticEventKind) { return HapticEventKind::kLimit; }
-constexpr Integrator last_of(Integrator) { return Integrator::kMidpoint; }
+constexpr Integrator last_of(Integrator) { return Integrator::kBackwardEuler; }
 constexpr LinkPhase last_of(LinkPhase) { return LinkPhase::kDone; }
 constexpr Motion last_of(Motion) { return Motion::kFree; }
 constexpr NodeBehaviour last_of(NodeBehaviour) { return NodeBehaviour::kDial; }
@@ -321,6 +321,7 @@ void check_body(const World& w, uint32_t body) {
     if (has_bending(b, body)) check_hinges(w, b.mesh[body]);
     const Stepping stepping = stepping_of(b, body);
     require(stepping.step > kShortestStep && stepping.iterations <= 10000, name, " is stepped in no known way");
+    require(stepping.integrator == Integrator::kLeapfrog || !is_solid(w.solids, b.mesh[body]), name, " is a solid stepped implicitly");
     require(b.particles[body].count == w.springs.vertices[b.mesh[body]].count && b.particles[body].first % kSliceWidth == 0 &&
                 b.particles[body].count >= w.meshes.info[b.mesh[body]].vertices.count,
             name, ": particles do not fit its mesh");

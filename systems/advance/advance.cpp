@@ -15,18 +15,17 @@
 #include "engine/tissue/embedded_surface.hpp"
 #include "engine/tissue/shape_fit.hpp"
 #include "engine/tissue/spring_step.hpp"
+#include "engine/tissue/tet_forces.hpp"
 #include "systems/advance/contact/contact_impulses.hpp"
 #include "systems/advance/contact/position_correction.hpp"
 #include "systems/advance/island/constants.hpp"
 #include "systems/advance/rigid/driven_bodies.hpp"
 #include "systems/advance/rigid/free_bodies.hpp"
 #include "systems/advance/rigid/rigid_bodies.hpp"
-#include "systems/advance/tissue/energy.hpp"
+#include "systems/advance/tissue/backward_euler.hpp"
 #include "systems/advance/tissue/fine_steps.hpp"
 #include "systems/advance/tissue/forces.hpp"
-#include "systems/advance/tissue/implicit_contact.hpp"
 #include "systems/advance/tissue/link_forces.hpp"
-#include "systems/advance/tissue/midpoint.hpp"
 #include "systems/advance/tissue/runaway.hpp"
 #include "systems/advance/tissue/tears.hpp"
 namespace trocar {
@@ -55,7 +54,7 @@ AdvanceBody make_body(const AdvanceCall& call, uint32_t body, uint32_t buffer, c
     b.stepping = stepping_of(call.inputs, body);
     // impulses act in the kick, like all forces. The damping after a held body's kick must damp them too, or
     // damping would carry part of a resting load
-    if (!b.shape && !b.works_by_energy()) b.impulse_left = std::exp(-0.5 * b.damping * call.dt);
+    if (!b.shape) b.impulse_left = std::exp(-0.5 * b.damping * call.dt);
     b.origin = to_vec4(state.poses.origin[body]);
     b.orientation = state.poses.orientation[body];
     b.now = state.particles.offset.data() + b.particles.first;
@@ -175,8 +174,7 @@ void step_subcycled(const AdvanceCall& call, const AdvanceIsland& island, Tissue
 // Bodies with springs and anchors only; several are stepped in parallel.
 bool steps_alone(const AdvanceBody& b) { return b.stepping.integrator == Integrator::kLeapfrog && !b.step.force_x; }
 
-void step_bodies(const AdvanceCall& call, TissueScratch& scratch, ContactSolver& solver, AdvanceIsland& island, const AdvanceState& state,
-                 AdvanceResult& result) {
+void step_bodies(const AdvanceCall& call, TissueScratch& scratch, AdvanceIsland& island, const AdvanceState& state, AdvanceResult& result) {
     constexpr uint32_t kBodiesPerChunk = 16;
     const uint32_t bodies = static_cast<uint32_t>(island.body.size());
     uint32_t chunk = 0;
@@ -196,8 +194,8 @@ void step_bodies(const AdvanceCall& call, TissueScratch& scratch, ContactSolver&
             case Integrator::kLeapfrog:
                 subcycled ? step_subcycled(call, island, scratch, state, b, result) : step_leapfrog(call, state.poses, b, shape_sums);
                 break;
-            case Integrator::kMidpoint:
-                step_midpoint(call, island, scratch, solver, state, b, result);
+            case Integrator::kBackwardEuler:
+                step_backward_euler(call, island, scratch, state, b, result);
                 break;
         }
         const float* drag = b.step.drag_velocity;
@@ -393,7 +391,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(nodes, &N::node, &N::change, &N::moved_in, &N::node_of_particle, &N::embedded_point, &N::node_sums);
     level(links, &IslandLinks::link, &IslandLinks::link_end, &IslandLinks::link_group);
     using C = ContactSolver;
-    level(solver, &C::prepared, &C::held, &C::wide_constraint, &C::fixed);
+    level(solver, &C::prepared, &C::wide_constraint, &C::fixed);
     using S = ContactSorting;
     level(sorting, &S::order, &S::ungrouped, &S::slab, &S::along, &S::group_of_constraint, &S::next_of_group);
     level(sorting, &S::key, &S::may_conflict, &S::open_wide_of_node);
@@ -403,10 +401,11 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(tissue, &T::offset_a, &T::offset_b, &T::remainder, &T::force, &T::force_sums, &T::corner_force, &T::hinge_force);
     level(tissue, &T::sums, &T::shape_sums, &T::overstretched);
     using M = ImplicitScratch;
-    level(implicit, &M::position, &M::direction, &M::sums, &M::spring_direction, &M::block, &M::residual, &M::applied, &M::change);
-    level(implicit, &M::free_residual, &M::free_block, &M::slope, &M::volume_force, &M::volume_block);
-    share_capacity(scratches, [](AdvanceScratch& s) -> decltype(auto) { return (s.tissue.implicit.tet_energy.position); });
-    share_capacity(scratches, [](AdvanceScratch& s) -> decltype(auto) { return (s.tissue.implicit.tet_energy.sums); });
+    level(implicit, &M::position, &M::inertia, &M::displacement, &M::force, &M::change, &M::volume_gradient, &M::volume_response);
+    level(implicit, &M::factor, &M::acceleration, &M::still, &M::volume_force, &M::sums);
+    for (uint32_t k = 0; k < M::kHistory; ++k)
+        for (const auto fields : {&M::iterate, &M::changes, &M::forces})
+            share_capacity(scratches, [&](AdvanceScratch& s) -> decltype(auto) { return ((s.tissue.implicit.*fields)[k]); });
 
     size_t groups = 0, chunks = 0, directs = 0;
     for (const AdvanceScratch& s : scratches) {
@@ -433,24 +432,20 @@ namespace {
 // One substep: forces and steps of deformable bodies, hands and free bodies, then contact constraints and position corrections.
 void run_substep(const AdvanceCall& call, bool has_contacts, AdvanceScratch& s, const AdvanceState& state, AdvanceResult& result) {
     const AdvanceParams& params = call.params;
-    const bool accounting = params.account_energy && has_contacts;
     AdvanceIsland& island = s.island;
     place_rigid_bodies(call, island);
     find_link_forces(call, state.particles, island);
-    find_implicit_contacts(call, state.constraints, s.solver, island);
-    step_bodies(call, s.tissue, s.solver, island, state, result);
+    step_bodies(call, s.tissue, island, state, result);
     pull_hands(call, island);
     kick_free_bodies(call, island, result);
     pull_linked_rigids(call, island, state.tools);
     if (has_contacts && params.observer.begin) params.observer.begin(params.observer.user);
     if (has_contacts) apply_impulses(call, s.components, s.solver, island, state, result);
     finish_drives(call, island, result);
-    if (accounting) account_measured(call, false, s.tissue, island, state, result.work_contact);
     move_hands(call, island, state.tools);
     move_free_bodies(call, island, state.tools);
     carry_jaws(call, call.substep + 1, island);
     if (has_contacts) correct_positions(call, s.solver, island, state, result), carry_jaws(call, call.substep + 1, island);
-    if (accounting) account_measured(call, true, s.tissue, island, state, result.work_push);
     if (has_contacts && params.observer.end) params.observer.end(params.observer.user);
     finish_links(call, state.particles, island, result);
     break_springs(call, state.particles, s.tissue, island, result);

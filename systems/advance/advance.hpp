@@ -12,7 +12,7 @@ uint32_t count_substeps(const Bodies& bodies, std::span<const uint32_t> island_b
                         std::span<const double> linked = {}, bool leapfrog = false);
 
 // Moves the bodies of one island through params.ticks ms under springs, tetrahedra, anchors, links, damping,
-// gravity and contact constraints: deformable ones by the integrator of each (leapfrog or midpoint), free
+// gravity and contact constraints: deformable ones by the integrator of each (leapfrog or backward Euler), free
 // ones, driven ones, and tools in the hand. Static and scripted bodies are only read, through poses and
 // paths. Constraints warm start from constraints.warm_start (if iterations > 1) and store their last impulses
 // there. Adds to constraints.impulse and to ToolState.contact_impulse; an expired constraint gets an infinite

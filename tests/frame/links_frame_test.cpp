@@ -178,7 +178,7 @@ TEST(LinksInScenes, JawsGraspPullAndRelease) {
 // Links pull tissue onto the jaws while contact impulses and position correction separate them, in every
 // substep: their work against the links is in the energy accounting for every integrator.
 TEST(LinksInScenes, BooksOfJawsWhoeverSteps) {
-    for (const char* integrator : {"leapfrog", "midpoint"}) {
+    for (const char* integrator : {"leapfrog", "implicit"}) {
         const std::vector<Override> set{{"gallbladder.triangles", "1500"},
                                         {"upper_jaw.triangles", "600"},
                                         {"lower_jaw.triangles", "600"},
@@ -348,7 +348,7 @@ position = [0.0, 0.0, 0.06]
               std::string::npos);
     EXPECT_NE(error("[[cut]]\nbody = \"a\"\nsphere = [0, 0, 0.05, 0.01]\n").find("is not cut and does not break"), std::string::npos);
     EXPECT_NE(error("", {{"a.cells", "200"}}).find("take wider cells"), std::string::npos);
-    EXPECT_EQ(error("", {{"a.integrator", "midpoint"}}), "");
+    EXPECT_EQ(error("", {{"a.integrator", "implicit"}}), "");
 }
 
 // The energy accounting closes to 1 % of the work done while shells break, for every integrator. A ball fixed
@@ -406,7 +406,7 @@ time = 0.4
 )",
                   {}}};
     for (const auto& c : cases) {
-        for (const char* integrator : {"leapfrog", "midpoint"}) {
+        for (const char* integrator : {"leapfrog", "implicit"}) {
             SCOPED_TRACE(std::string(c.name) + ", " + integrator);
             std::vector<Override> set = c.set;
             set.push_back({"ball.integrator", integrator});
@@ -582,7 +582,7 @@ void expect_a_hole_in_one(const std::string& integrator) {
     EXPECT_EQ(torn[0], torn[1]);
 }
 TEST(Cuts, AHoleInOneBodyLeavesAllOthersAlone) {
-    for (const char* integrator : {"leapfrog", "midpoint"}) expect_a_hole_in_one(integrator);
+    for (const char* integrator : {"leapfrog", "implicit"}) expect_a_hole_in_one(integrator);
 }
 
 // The removed triangles are part of the state: a world restored to before the cut has its triangles again and
@@ -689,7 +689,7 @@ TEST(RegionsInScenes, SphereGroupAndPaintedFieldAgree) {
     EXPECT_NE(error("[[body.region]]\nsphere = [1, 1, 1, 0.1]\n").find("holds no node of the body"), std::string::npos);
     EXPECT_NE(error("[[body.region]]\ngroup = \"x\"\n").find("body \"a\" has no group \"x\""), std::string::npos);
     EXPECT_NE(error("[[body.region]]\nfield = \"/no/such.ply\"\n").find("/no/such.ply"), std::string::npos);
-    EXPECT_EQ(error("[[body.region]]\nsphere = [0, 0, 0, 1]\n", {{"a.integrator", "midpoint"}}), "");
+    EXPECT_EQ(error("[[body.region]]\nsphere = [0, 0, 0, 1]\n", {{"a.integrator", "implicit"}}), "");
 }
 
 }  // namespace

@@ -166,13 +166,12 @@ uint32_t stage_row(const Frame& frame, const char* name) {
 // A notch is cut where a rod presses, without rebuilding the world: surface, masses, springs and volume are
 // those of the remaining tetrahedra, contact continues in the notch, and the other body does not change by a
 // bit; the same for any number of threads.
-void expect_a_notch(const std::string& integrator) {
-    const std::vector<Override> stepped{{"a.integrator", integrator}};
+TEST(SolidTears, ANotchIsWhatIsLeft) {
     std::string other, torn[2];
     {
         ThreadPool one(1);
         one.run([&] {
-            Frame frame(std::move(build(std::string(kBalls) + kNever, stepped).world), {});
+            Frame frame(std::move(build(std::string(kBalls) + kNever).world), {});
             for (int i = 0; i < 60; ++i) frame.step();
             other = bytes_of(frame.world(), 1);
             expect_as_left(frame.world(), 0, "untouched");
@@ -182,7 +181,7 @@ void expect_a_notch(const std::string& integrator) {
     for (const uint32_t threads : {1u, 3u}) {
         ThreadPool pool(threads);
         pool.run([&] {
-            Frame frame(std::move(build(std::string(kBalls) + kNotch, stepped).world), {});
+            Frame frame(std::move(build(std::string(kBalls) + kNotch).world), {});
             const World& w = frame.world();
             const double volume = w.meshes.info[0].volume;
             for (int i = 0; i < 60; ++i) {
@@ -204,22 +203,17 @@ void expect_a_notch(const std::string& integrator) {
     }
     EXPECT_EQ(torn[0], torn[1]);
 }
-TEST(SolidTears, ANotchIsWhatIsLeft) {
-    for (const char* integrator : {"leapfrog", "midpoint"}) expect_a_notch(integrator);
-}
-
 // Solids created before one that may tear keep their volume forces. Breaks when their empty ranges of
 // torn_springs are used.
 TEST(SolidTears, ACutOfTheSecondLeavesTheFirstAsItIs) {
     const std::string cut = "[[cut]]\nbody = \"b\"\nsphere = [0.0, 0.0, 0.05, 0.03]\ntime = 0.2\n";
-    for (const char* integrator : {"leapfrog", "midpoint"}) {
+    {
         ThreadPool pool(1);
         pool.run([&] {
-            const std::vector<Override> stepped{{"a.integrator", integrator}};
-            Frame whole(std::move(build(kBalls, stepped).world), {}), torn(std::move(build(std::string(kBalls) + cut, stepped).world), {});
+            Frame whole(std::move(build(kBalls).world), {}), torn(std::move(build(std::string(kBalls) + cut).world), {});
             for (int i = 0; i < 40; ++i) whole.step(), torn.step();
             EXPECT_GT(torn.world().report.removed_tetrahedra, 10u);
-            EXPECT_EQ(bytes_of(whole.world(), 0), bytes_of(torn.world(), 0)) << integrator;
+            EXPECT_EQ(bytes_of(whole.world(), 0), bytes_of(torn.world(), 0));
             BodyEnergyScratch scratch;
             const auto elastic = [&](World& w) {
                 Energy e;
@@ -228,7 +222,7 @@ TEST(SolidTears, ACutOfTheSecondLeavesTheFirstAsItIs) {
                 return e.elastic;
             };
             EXPECT_GT(elastic(whole.world()), 0);
-            EXPECT_EQ(elastic(whole.world()), elastic(torn.world())) << integrator;
+            EXPECT_EQ(elastic(whole.world()), elastic(torn.world()));
         });
     }
 }
@@ -434,7 +428,7 @@ TEST(SolidTears, AStateSetBackIsWholeAgain) {
 
 // A bar hangs on a rod that moves up: its tetrahedra break exactly when an edge reaches its strain limit. The
 // bar separates, and the energy accounting closes to 1 % of the work done.
-void expect_a_bar_apart(const std::string& integrator) {
+TEST(SolidTears, ABarIsPulledApart) {
     const std::string scene = R"(
 gravity = [0.0, 0.0, 0.0]
 sleep_speed = 0.0
@@ -475,7 +469,7 @@ frame = "rest"
     for (const uint32_t threads : {1u, 3u}) {
         ThreadPool pool(threads);
         pool.run([&] {
-            Frame frame(std::move(build(scene, {{"bar.integrator", integrator}}).world), {});
+            Frame frame(std::move(build(scene).world), {});
             World& w = frame.world();
             double peak = 0, worst = 0, stored = 0;
             uint32_t looked = 0;
@@ -508,19 +502,15 @@ frame = "rest"
             EXPECT_GE(w.meshes.info[0].components, 2u) << "parted";
             EXPECT_EQ(w.report.nonfinite_particles + w.report.runaway_bodies, 0u);
             EXPECT_GT(w.report.min_volume_ratio, 0.2) << "what is lost is not asked for its volume";
-            std::printf("bar, %s: %llu of %u tetrahedra lost, stored at most %.4g J, work %.4g J, books off by %.3f %%\n",
-                        integrator.c_str(), static_cast<unsigned long long>(w.report.removed_tetrahedra), w.solids.info[0].count, stored,
-                        peak, 100 * worst / peak);
+            std::printf("bar: %llu of %u tetrahedra lost, stored at most %.4g J, work %.4g J, books off by %.3f %%\n",
+                        static_cast<unsigned long long>(w.report.removed_tetrahedra), w.solids.info[0].count, stored, peak,
+                        100 * worst / peak);
             EXPECT_LT(worst, 1e-2 * peak);
             hash[threads == 3] = state_hash(w);
         });
     }
     EXPECT_EQ(hash[0], hash[1]);
 }
-TEST(SolidTears, ABarIsPulledApart) {
-    for (const char* integrator : {"leapfrog", "midpoint"}) expect_a_bar_apart(integrator);
-}
-
 // The step limit of a tearing solid holds for every subset of its tetrahedra: compares it with the limits of
 // parts, each built anew. Stiff and soft, heavy and light tetrahedra are adjacent, so that losing a neighbour
 // matters.

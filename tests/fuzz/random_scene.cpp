@@ -224,7 +224,7 @@ class Writer {
         if (dice_.chance(0.6)) key("anchor", "shape");
         if (dice_.chance(0.2)) key("fixed_below", -dice_.uniform(0.1, 0.4) * size);
         const double stepped = dice_.uniform(0, 1);
-        if (stepped < 0.3) key("integrator", "midpoint");
+        if (stepped < 0.3 && !solid) key("integrator", "implicit");
         if (stepped > 0.8) key("integrator", "auto");
         if (stepped < 0.3) maybe(0.3, "step", 5e-4, 5e-3);
         if (stepped < 0.3 && dice_.chance(0.2)) key("iterations", std::floor(dice_.log_uniform(2, 100)));

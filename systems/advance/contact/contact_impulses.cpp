@@ -12,7 +12,6 @@
 #include "systems/advance/island/constants.hpp"
 #include "systems/advance/rigid/free_bodies.hpp"
 #include "systems/advance/rigid/rigid_bodies.hpp"
-#include "systems/advance/tissue/implicit_contact.hpp"
 namespace trocar {
 namespace {
 
@@ -360,20 +359,13 @@ void set_substep(const AdvanceCall& call, const ConstraintGeometry& r, const Clo
     add_angular_parts(island, c.rigid_b == kNone ? closest.point : r.point, c);
 }
 
-// Activates a constraint in this substep; false if it has expired. The implicit step's impulse counts as
-// applied.
+// Activates a constraint in this substep; false if it has expired.
 bool activate(const AdvanceCall& call, const ContactConstraints& constraints, ConstraintGeometry& r, Vec4d velocity, AdvanceIsland& island,
               PreparedConstraint& c) {
     const ClosestPoint closest = find_closest_point(call, island, constraints, c, r);
     c.ended = closest.expired;
     if (c.ended) return false;
     set_substep(call, r, closest, dot(r.normal, velocity), island, c);
-    c.normal_impulse = dot(c.held, c.normal);
-    if (c.normal_impulse > 0) {
-        c.friction_impulse = c.held - c.normal_impulse * c.normal;
-        c.load = (1 - c.load_share) * c.normal_impulse;
-        c.friction = std::max(c.friction, std::sqrt(norm2(c.friction_impulse)) / c.normal_impulse);
-    }
     note_constraint(c, island.nodes);
     return true;
 }
@@ -442,7 +434,6 @@ void warm_start_constraints(ContactSolver& solver, AdvanceIsland& island, Constr
     warm_start_wide_constraints(group, solver, island.nodes);
     for (const uint32_t i : group.active) {
         PreparedConstraint& c = solver.prepared[i];
-        if (c.normal_impulse > 0) continue;  // already applied by the implicit step
         c.normal_impulse = std::max(0.0, dot(c.warm, c.normal));
         if (c.normal_impulse == 0) continue;
         c.friction_impulse = c.warm - dot(c.warm, c.normal) * c.normal;
@@ -487,7 +478,6 @@ void scatter_velocities(const AdvanceCall& call, AdvanceIsland& island, Particle
         node.velocity = float_vec4(velocity);
         const Vec4d kick = node.velocity - change.kicked;
         move_particle(island.body[node.owner], node, call.dt * kick);
-        if (island.body[node.owner].works_by_energy()) return;
         const double left = island.body[node.owner].impulse_left;
         const Vec4d half = (0.5 / node.inv_mass) * kick;
         sums.work += half * (change.before + node.velocity);
@@ -695,7 +685,7 @@ void prepare_constraint(const AdvanceCall& call, const ContactSolver& solver, ui
                   constraints.across[constraint]};
     c.weight_b = {constraints.weight[constraint][0], constraints.weight[constraint][1], constraints.weight[constraint][2]};
     c.plane = to_vec4(constraints.normal[constraint]);
-    c.impulse = c.held = Vec4d{};
+    c.impulse = Vec4d{};
     c.warm = solver.starts_warm ? warm_start_impulse(call, state.constraints, constraint) : Vec4d{};
     c.friction_coefficient = constraints.friction[constraint];
     c.ended = std::isinf(constraints.distance[constraint]);
@@ -776,34 +766,6 @@ void note_velocities(const Particles& particles, ContactNodeSet& nodes) {
             if (i != kNone) nodes.change[n].before = particle_velocity(particles, i);
         }
     });
-}
-
-void find_implicit_contacts(const AdvanceCall& call, const ContactConstraints& constraints, ContactSolver& solver, AdvanceIsland& island) {
-    solver.held.clear();
-    if (std::none_of(island.body.begin(), island.body.end(), [](const AdvanceBody& b) { return b.synchronous(); })) return;
-    for (size_t n = 0; n < island.nodes.node.size(); ++n) {
-        const ContactNode node = island.nodes.node[n];
-        if (node.particle == kNone || !island.body[node.owner].synchronous()) continue;
-        const AdvanceBody& body = island.body[node.owner];
-        node.position = body.origin + float_vec4(_mm_load_ps(&body.now[node.particle - body.particles.first].x));
-    }
-    for (uint32_t i = 0; i < solver.prepared.size(); ++i) {
-        PreparedConstraint& c = solver.prepared[i];
-        c.held = Vec4d{};
-        if (c.moved_plane) place_plane(call, island, constraints, c);
-        const uint32_t rigid = c.rigid_a != kNone ? c.rigid_a : c.rigid_b;
-        if (c.ended || rigid == kNone || island.rigid[rigid].node != kNone || (c.rigid_a != kNone && c.rigid_b != kNone)) continue;
-        uint32_t point = c.rigid_a == kNone ? c.node_a[0] : c.node_b[0];
-        if (point & kEmbeddedPoint) point = island.nodes.embedded_point[point & ~kEmbeddedPoint].node[0];
-        const uint32_t owner = island.nodes.node[point].owner;
-        if (!island.body[owner].synchronous()) continue;
-        ConstraintGeometry r = geometry_of(island, c);
-        const ClosestPoint closest = find_closest_point(call, island, constraints, c, r);
-        if (closest.expired || !std::isfinite(r.separation)) continue;
-        set_substep(call, r, closest, 0, island, c);
-        c.implicit.owner = owner;
-        solver.held.push_back(i);
-    }
 }
 
 void apply_impulses(const AdvanceCall& call, ContactComponents& components, ContactSolver& solver, AdvanceIsland& island,

@@ -58,7 +58,7 @@ bool fits_wide(const AdvanceCall& call, const ContactSorting& sorting, const Adv
     const AdvanceBody& body = island.body[island.slot_of_body[point]];
     if (body.embedding_node) return false;  // its vertices are not nodes
     if (is_deformable(bodies, plane) ? island.body[island.slot_of_body[plane]].embedding_node != nullptr
-                                     : !is_fixed(call, sorting, plane) || body.synchronous()) {  // acts within the implicit step
+                                     : !is_fixed(call, sorting, plane)) {
         return false;
     }
     return are_distinct(nodes_of(key));

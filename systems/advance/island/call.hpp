@@ -59,11 +59,11 @@ struct AdvanceInputs {
     // where it first touches something without a contact constraint, but keeps its velocity. Empty: no stops.
     std::span<const double> stop = {};
     std::span<const ToolJaw> jaws = {};  // of the tools
-    bool leapfrog = false;               // bodies with midpoint take leapfrog in this call: needs_leapfrog
+    bool leapfrog = false;               // implicit bodies take leapfrog in this call: needs_leapfrog
 };
 inline Stepping stepping_of(const AdvanceInputs& inputs, uint32_t body) {
     const Stepping stepping = stepping_of(inputs.bodies, body);
-    return inputs.leapfrog && stepping.integrator == Integrator::kMidpoint ? Stepping{} : stepping;
+    return inputs.leapfrog && stepping.integrator == Integrator::kBackwardEuler ? Stepping{} : stepping;
 }
 
 // State that a call changes: only that of the island's own bodies, contact constraints and tools.

@@ -93,19 +93,6 @@ inline constexpr double kSticks = 1 - 1e-6;
 // Multiplications per constraint that a factorisation may cost: some ten sweeps.
 inline constexpr double kMostWorkPerConstraint = 2000;
 
-// ---- contact constraints within implicit steps ----
-
-// Stiffness of an implicit contact relative to its nodes' in the step. One over this remains for the
-// impulses, which see single masses; a larger value costs conjugate gradient iterations. By trial.
-inline constexpr double kHeldStiffness = 30;
-// m, constraints nearer than this act unless they turn out to pull. By trial.
-inline constexpr double kHeldSlack = 1e-5;
-// Friction beyond its limit by less than this share is kept. By trial.
-inline constexpr double kMoreFriction = 1.05;
-// Solves of a step with such constraints; in the last two none is added, only pulling ones are released. By
-// trial.
-inline constexpr uint32_t kMostSolves = 6;
-
 // ---- finer steps ----
 
 // Explicit steps that replace one of a solid with crushed tetrahedra, and the share of an edge that nodes may
@@ -118,9 +105,6 @@ inline constexpr double kFarDisplacement = 0.25;
 inline constexpr uint32_t kFinerShell = 2;
 inline constexpr float kApart = 0.05f;
 inline constexpr double kShortDisplacement = 0.02;
-// The same for bodies stepped by midpoint, which then take leapfrog, and until they return to it. Measured:
-// undamped boxes of 0.02 to 2 MPa on foundations of 0.04 to 4 m keep their energy to 1 % in 60 s.
-inline constexpr float kApartImplicit = 0.02f, kApartCalm = 0.002f;
 // Solids: volume ratios, now or in the middle of the pass, below which more steps replace one.
 // Measured: finer_steps (fine_steps.hpp).
 inline constexpr double kPressed = 0.45, kPressedFlat = 0.3;

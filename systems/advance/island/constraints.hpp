@@ -30,9 +30,7 @@ namespace trocar {
 //   solve_nodes (contact_impulses.cpp) and solve_wide_constraint (wide_constraints.cpp) read the relative
 //     velocity once and apply both impulses together: one pass over the nodes;
 //   solve_angular_constraint (free_bodies.cpp), for sides on free rigid bodies, applies the normal impulse and
-//     reads the velocity again for friction: through the lever arms it changes the tangential velocity;
-//   update_implicit_contacts (implicit_contact.cpp), within an implicit step, lowers the viscous friction
-//     `grip` until it is within the limit.
+//     reads the velocity again for friction: through the lever arms it changes the tangential velocity.
 
 // A prepared constraint. First what sweeps read and write, in as few cache lines as possible; then what is
 // constant during the call.
@@ -46,7 +44,7 @@ struct alignas(64) PreparedConstraint {
     double normal_impulse = 0;   // N s
     double target_velocity = 0;  // m/s, along the normal
     double effective_mass = 0;   // kg, 1 / sum of weight^2 * inverse mass
-    double friction = 0;         // friction coefficient; larger if an implicit step has applied more
+    double friction = 0;         // friction coefficient
     double load = 0;             // N s, normal impulse averaged over kFrictionLag: of the preceding substeps, times 1 - load_share
     double load_share = 1;       // of this substep's normal impulse in the average
     bool averaged = true;        // the contact is older than kFrictionLag: its friction follows the average
@@ -89,15 +87,6 @@ struct alignas(64) PreparedConstraint {
     std::array<double, kMostNodes> correction_weight;  // as weight; the point on the plane is clamped to its triangle
     double allowed_overlap = 0;    // m, left by the corrections of this substep: sides of free bodies that are too deep for one
     double correction_offset = 0;  // m, from the plane point to where corrections act, along the normal, at the start of the substep
-
-    // Its part in the implicit step of its body (implicit_contact.cpp).
-    struct Implicit {
-        uint32_t owner = 0;                      // index in body
-        bool on = false;                         // it is active
-        double stiffness = 0, grip = 0;          // kg, impulse per velocity along and across the normal
-        Vec4d velocity = {}, end_velocity = {};  // m/s, of the point relative to the plane, before and after the step
-    } implicit;
-    Vec4d held;  // N s, impulse of this substep's implicit step on the point
 };
 
 // Limits a tangential impulse to Coulomb friction.
@@ -182,7 +171,6 @@ struct ContactSolver {
     RawVector<FixedTriangles> fixed;     // of the wide constraints with static planes
     std::vector<ConstraintGroup> group;  // the first ones are in use, see colour
     std::array<uint32_t, 5> colour{};    // first group of each colour, and the number of groups
-    std::vector<uint32_t> held;          // indices in prepared of those that may act within implicit steps, at the start of a substep
     bool starts_warm = false;            // constraints start from their impulses of the preceding substep
     double load_share = 1;               // the least one of constraints
     bool bounces = false;                // a constraint bounces in this substep: the next does not start from its impulses

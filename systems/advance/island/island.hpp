@@ -32,11 +32,8 @@ struct AdvanceBody {
     double* damping_work = nullptr;  // J, 16 lanes to which a step adds the work of damping; null if energy is not accounted
 
     // Positions and velocities belong to the same time; else velocities are half a substep behind.
-    bool synchronous() const { return stepping.integrator == Integrator::kMidpoint; }
-    // Works are differences of the whole energy: steps beyond the explicit limit move positions against
-    // stiffer forces than the nodes record. For leapfrog bodies works are summed as they are done.
-    bool works_by_energy() const { return stepping.integrator != Integrator::kLeapfrog; }
-    double energy = std::numeric_limits<double>::quiet_NaN();  // J, if measured: at its last measurement of the call
+    bool synchronous() const { return stepping.integrator == Integrator::kBackwardEuler; }
+    double energy = std::numeric_limits<double>::quiet_NaN();  // J, of a synchronous body after its last step of the call
     bool touched = false;                                      // a constraint of the call acts on it
     // With an embedded surface: nodes and weights of its vertices; else null.
     const std::array<uint32_t, 4>* embedding_node = nullptr;

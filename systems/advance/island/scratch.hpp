@@ -1,23 +1,26 @@
 #pragma once
+#include <array>
 #include <utility>
 #include <vector>
 
-#include "engine/tissue/tet_forces.hpp"
+#include "engine/tissue/implicit_factor.hpp"
 #include "systems/advance/island/constraints.hpp"
 #include "systems/advance/island/island.hpp"
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
-// Scratch of implicit steps for the body being stepped.
+// Scratch of implicit steps for the body being stepped; one element per particle.
 struct ImplicitScratch {
-    std::vector<Float4> position, direction;               // one per particle
-    std::vector<float> spring_direction;                   // 64 per column
-    std::vector<float> block, residual, applied, change;   // 6, 3, 3, 3 fields
-    std::vector<double> sums;                              // 16 per chunk
-    std::vector<float> slope, volume_force, volume_block;  // midpoint, tetrahedra: 9, 3 and 6 fields
-    std::vector<float> free_residual, free_block;          // midpoint: residual and block without implicit contacts
-    TetEnergyScratch tet_energy;                           // for bodies whose works are energy differences
+    static constexpr uint32_t kHistory = 6;                              // iterates of a step that are combined
+    std::vector<ImplicitFactor> factor;                                  // of the bodies met so far
+    std::vector<Float4> position, inertia, displacement;                 // m, of an iterate
+    std::vector<Float4> force, change;                                   // N; m, by the next plain iteration
+    std::vector<Float4> volume_gradient, volume_response;                // m^2; m^3/N: of the enclosed volume
+    std::array<std::vector<Float4>, kHistory> iterate, changes, forces;  // differences of consecutive ones
+    std::vector<float> acceleration, still;                              // 3 fields, m/s^2; zeros
+    std::vector<float> volume_force;                                     // 3 fields, N, of tetrahedra in finer steps
+    std::vector<double> sums;                                            // 16 per chunk, likewise
 };
 
 // Memory of steps of deformable bodies.

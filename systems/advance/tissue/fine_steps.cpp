@@ -29,9 +29,9 @@ float fastest_of(const Particles& p, Range range) {
     return *std::max_element(lane, lane + 8);
 }
 
-// Whether the ends of some spring move relative to each other by more than `apart` of its rest length in dt.
-bool folds_fast(const SpringStep& step, uint32_t slices, float apart, float dt) {
-    const float share = apart / dt;
+// Whether the ends of some spring move relative to each other by more than kApart of its rest length in dt.
+bool folds_fast(const SpringStep& step, uint32_t slices, float dt) {
+    const float share = kApart / dt;
     for (uint32_t slice = 0; slice < slices; ++slice) {
         for (size_t h = size_t{step.slice_column[slice]} * kSliceWidth; h < size_t{step.slice_column[slice + 1]} * kSliceWidth; ++h) {
             const uint32_t p = slice * kSliceWidth + h % kSliceWidth, q = step.neighbour[h];
@@ -44,13 +44,13 @@ bool folds_fast(const SpringStep& step, uint32_t slices, float apart, float dt) 
     return false;
 }
 
-bool has_fast_folds(const AdvanceInputs& in, const Particles& particles, uint32_t body, float apart, double dt) {
+bool has_fast_folds(const AdvanceInputs& in, const Particles& particles, uint32_t body, double dt) {
     const SpringInfo& info = in.springs.info[in.bodies.mesh[body]];
-    const double far = double{apart / kApart} * kShortDisplacement * info.mean_rest / dt;
+    const double far = kShortDisplacement * info.mean_rest / dt;
     const Range range{in.bodies.particles[body].first + info.skin, in.bodies.particles[body].count - info.skin};
     if (!(fastest_of(particles, range) > far * far)) return false;
     const SpringStep step = bind_body(in.springs, in.bodies, in.anchors, particles, body, in.other.torn_springs);
-    return folds_fast(step, info.slices.count, apart, static_cast<float>(dt));
+    return folds_fast(step, info.slices.count, static_cast<float>(dt));
 }
 
 // Tetrahedra of a body whose forces go to s.volume_force.
@@ -82,6 +82,13 @@ float least_volume_later(TetStep tets, const Float4* now, const Particles& p, Ra
     return least_volume_ratio(tets);
 }
 
+// The same after so many seconds, of a body with tetrahedra.
+double least_volume(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, double seconds, TissueScratch& scratch) {
+    const AdvanceInputs& in = call.inputs;
+    const TetStep tets = bind_tets(*in.other.solids, in.bodies, particles, b.body, in.other.torn_springs);
+    return least_volume_later(tets, b.now, particles, b.particles, seconds, scratch.implicit.position);
+}
+
 // Least volume ratio of a solid, now and in the middle of a pass of `seconds`.
 double least_volume_of_pass(const AdvanceInputs& in, const Particles& particles, uint32_t body, double seconds,
                             std::vector<Float4>& position) {
@@ -95,15 +102,7 @@ double least_volume_of_pass(const AdvanceInputs& in, const Particles& particles,
 
 }  // namespace
 
-double least_volume(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, double seconds, TissueScratch& scratch) {
-    const AdvanceInputs& in = call.inputs;
-    if (!has_tets(in.other.solids, in.bodies, b.body)) return 1;
-    const TetStep tets = bind_tets(*in.other.solids, in.bodies, particles, b.body, in.other.torn_springs);
-    return least_volume_later(tets, b.now, particles, b.particles, seconds, scratch.implicit.position);
-}
-
 bool needs_subcycling(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, double least, TissueScratch& scratch) {
-    if (least < kCrushed && b.synchronous()) return true;
     const AdvanceInputs& in = call.inputs;
     if (!has_tets(in.other.solids, in.bodies, b.body)) return false;
     const Particles& p = particles;
@@ -119,21 +118,11 @@ bool needs_subcycling(const AdvanceCall& call, const Particles& particles, const
            least_volume(call, particles, b, -call.dt, scratch) < kCrushed;
 }
 
-bool needs_leapfrog(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies,
-                    const ContactConstraints& constraints, std::span<const uint32_t> island_constraints) {
-    if (in.bodies.stepping.empty()) return false;
-    const auto is_implicit = [&](uint32_t body) { return stepping_of(in.bodies, body).integrator == Integrator::kMidpoint; };
-    const auto moves = [&](uint32_t body) { return joins_islands(in.bodies.motion[body]); };
-    const auto pressed = [&](uint32_t c) {
-        const uint32_t a = constraints.body[c], b = constraints.other[c];
-        return (is_implicit(a) && moves(b)) || (is_implicit(b) && moves(a));
-    };
-    const auto fast = [&](uint32_t body) {
-        if (!is_implicit(body)) return false;
-        const float apart = particles.last_dt[body] > 0 ? kApartCalm : kApartImplicit;
-        return has_fast_folds(in, particles, body, apart, stepping_of(in.bodies, body).step);
-    };
-    return std::ranges::any_of(island_constraints, pressed) || std::ranges::any_of(island_bodies, fast);
+bool needs_leapfrog(const Bodies& bodies, const ContactConstraints& constraints, std::span<const uint32_t> island_constraints) {
+    if (bodies.stepping.empty()) return false;
+    const auto is_implicit = [&](uint32_t body) { return stepping_of(bodies, body).integrator == Integrator::kBackwardEuler; };
+    return std::ranges::any_of(island_constraints,
+                               [&](uint32_t c) { return is_implicit(constraints.body[c]) || is_implicit(constraints.other[c]); });
 }
 
 uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies, double dt,
@@ -145,7 +134,7 @@ uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::s
             const double least = least_volume_of_pass(in, particles, body, seconds, scratch.tissue.implicit.position);
             most = std::max(most, least < kPressedFlat ? kFinerPressedFlat : least < kPressed ? kFinerPressed : 1u);
         } else if (most < kFinerShell && (in.bodies.tissue[body].damping == 0 || (in.bodies.anchor_frame[body] != AnchorFrame::kShape &&
-                                                                                  has_fast_folds(in, particles, body, kApart, dt)))) {
+                                                                                  has_fast_folds(in, particles, body, dt)))) {
             most = kFinerShell;
         }
     }
@@ -157,8 +146,6 @@ double step_finely(const AdvanceCall& call, const AdvanceIsland& island, TissueS
     ImplicitScratch& s = scratch.implicit;
     const size_t padded_count = b.particles.count;
     const uint32_t count = kFiner * substeps_for(call.dt, call.inputs.bodies.stable_dt[b.body], call.dt);
-    // velocities of the same time: half a kick at both ends; half a step behind: as many kicks as drifts
-    const uint32_t last = b.synchronous() ? count : count - 1;
     const double dt = call.dt / count;
     TetStep tets = bind_loose_tets(call, state.particles, b, scratch);
     SpringStep step = b.step;
@@ -166,17 +153,17 @@ double step_finely(const AdvanceCall& call, const AdvanceIsland& island, TissueS
     float* const force[3] = {tets.force_x, tets.force_y, tets.force_z};
     step.force_x = force[0], step.force_y = force[1], step.force_z = force[2];
     s.sums.assign(size_t{chunk_count(b.slices, kSlicesPerChunk)} * kSliceWidth, 0.0);
-    for (uint32_t i = 0; i <= last; ++i) {
+    for (uint32_t i = 0; i < count; ++i) {
         for (float* axis : force) std::fill_n(axis, padded_count, 0.0f);
         if (b.linked) add_link_forces(island, static_cast<uint32_t>(&b - island.body.data()), force);
         tets.offset = step.offset;
         result.min_volume_ratio = std::min<double>(result.min_volume_ratio, add_tet_forces(tets, b.slices));
-        const double kick = b.synchronous() ? (i == 0 || i == count ? 0.5 * dt : dt) : i == 0 ? 0.5 * (b.last_dt + dt) : dt;
+        const double kick = i == 0 ? 0.5 * (b.last_dt + dt) : dt;
         const double left = b.shape ? 1.0 : std::exp(-0.5 * b.damping * kick);
         step.kick_dt = static_cast<float>(kick * left), step.kick_less = static_cast<float>(kick * (left - 1));
         step.keep = static_cast<float>(std::exp(-b.damping * kick));
-        step.dt = i < count ? static_cast<float>(dt) : 0.0f;
-        step.new_offset = (last - i) % 2 == 0 ? &b.next->x : &s.position[0].x;
+        step.dt = static_cast<float>(dt);
+        step.new_offset = (count - 1 - i) % 2 == 0 ? &b.next->x : &s.position[0].x;
         if (b.shape) {
             const ShapeTotals totals = sum_shape(step, b.slices, scratch.shape_sums);
             fit_goals(totals, state.poses.orientation[b.body], step);
@@ -187,7 +174,7 @@ double step_finely(const AdvanceCall& call, const AdvanceIsland& island, TissueS
         });
         step.offset = step.new_offset;
     }
-    if (!b.synchronous()) b.last_dt = dt;
+    b.last_dt = dt;
     double damped = 0;
     for (const double sum : s.sums) damped += sum;
     return damped;

@@ -5,14 +5,10 @@
 #pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
-// Whether the bodies of an island that are stepped by midpoint take leapfrog in the coming pass:
-//   a body that contact moves may touch them. Its impulses act between steps, on single masses, and stiff tissue
-//     gives them back many times over within steps beyond the explicit limit: a hand's 6 mJ became 86 J;
-//   or the ends of some spring move relative to each other by more than kApartImplicit of its rest length in a
-//     step; after leapfrog, kApartCalm, as every change of integrator costs or adds energy of fast modes. The error
-//     of the linearisation is energy: an undamped hollow box of 1 kg that swings gained 4,500 J in 10 s.
-bool needs_leapfrog(const AdvanceInputs& inputs, const Particles& particles, std::span<const uint32_t> island_bodies,
-                    const ContactConstraints& constraints, std::span<const uint32_t> island_constraints);
+// Whether the implicit bodies of an island take leapfrog in the coming pass: a contact constraint may act on one. Its
+// impulses act between steps, on single masses, and stiff tissue gives them back many times over within steps beyond
+// the explicit limit: a hand's 6 mJ became 86 J.
+bool needs_leapfrog(const Bodies& bodies, const ContactConstraints& constraints, std::span<const uint32_t> island_constraints);
 
 // Factor on the substeps of leapfrog bodies for the coming pass of `seconds` with substeps of dt (s):
 //   undamped shells: 2, which keeps their energy to 0.5 % however they fold (23 % gained in 60 s without).
@@ -31,14 +27,11 @@ uint32_t finer_steps(const AdvanceInputs& inputs, const Particles& particles, st
                      double seconds, AdvanceScratch& scratch);
 
 // Subcycled bodies: solids with crushed tetrahedra and without constraints take several explicit steps per substep.
-// Backward Euler would come to rest in folds that inertia opens; when released, nodes cross a whole cell in a
-// step, which no step limit covers. Springs and volumes have several rest shapes: nodes displaced at random
-// may end in another one.
+// When released, nodes cross a whole cell in a step, which no step limit covers. Springs and volumes have several rest
+// shapes: nodes displaced at random may end in another one.
 
-// Least volume ratio of a body's tetrahedra after so many seconds at the present velocities.
-double least_volume(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, double seconds, TissueScratch& scratch);
-// Whether a body needs subcycling, given its present least volume ratio: below kCrushed, or fast and below
-// it a substep ago or from now; a leapfrog body only if fast.
+// Whether a body needs subcycling, given its present least volume ratio: fast, and below kCrushed or so a substep ago
+// or from now.
 bool needs_subcycling(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, double least, TissueScratch& scratch);
 // The substep of a subcycled body, with the link forces at its start. Returns the work of damping, J.
 double step_finely(const AdvanceCall& call, const AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,

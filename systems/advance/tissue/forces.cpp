@@ -43,14 +43,10 @@ void add_tets(const AdvanceCall& call, const Particles& particles, const Advance
     result.min_volume_ratio = std::min<double>(result.min_volume_ratio, add_tet_forces(step, b.slices));
 }
 
-bool takes_tets_as_they_are(const AdvanceInputs& in, uint32_t body) {
-    return stepping_of(in, body).integrator == Integrator::kLeapfrog && has_tets(in.other.solids, in.bodies, body);
-}
-
 }  // namespace
 
 bool has_forces(const AdvanceInputs& inputs, uint32_t body) {
-    return has_pressure(inputs.bodies, body) || has_bending(inputs.bodies, body) || takes_tets_as_they_are(inputs, body);
+    return has_pressure(inputs.bodies, body) || has_bending(inputs.bodies, body) || has_tets(inputs.other.solids, inputs.bodies, body);
 }
 
 void give_forces(const AdvanceCall& call, const Particles& particles, uint32_t count, TissueScratch& scratch, AdvanceIsland& island) {
@@ -86,7 +82,7 @@ void find_forces(const AdvanceCall& call, const AdvanceIsland& island, const Par
         add_bending_forces(in.springs, in.bodies.mesh[b.body], bending_rigidity(in.bodies.tissue[b.body]), b.now, scratch.hinge_force,
                            f.axis[0], f.axis[1], f.axis[2]);
     }
-    if (takes_tets_as_they_are(in, b.body)) add_tets(call, particles, b, f, scratch, result);
+    if (has_tets(in.other.solids, in.bodies, b.body)) add_tets(call, particles, b, f, scratch, result);
     if (b.linked) add_link_forces(island, static_cast<uint32_t>(&b - island.body.data()), f.axis);
 }
 

@@ -149,7 +149,7 @@ void find_link_forces(const AdvanceCall& call, const Particles& particles, Advan
                                     : Vec4d{};
         // a body about to be restored must not affect its partner
         if (!std::isfinite(norm2(link.force))) link.force = Vec4d{};
-        // a body that changes from leapfrog to a synchronous integrator gets half a kick more: see catch_up
+        // a body that changes from leapfrog to a synchronous integrator gets half a kick more
         link.kick = (b.synchronous() ? 1.0 : 0.5) * call.dt + 0.5 * b.last_dt;
     }
 }
@@ -183,44 +183,6 @@ void pull_linked_rigids(const AdvanceCall& call, AdvanceIsland& island, std::spa
         f.spin_before = f.spin;
         note_spin(f, island);
     }
-}
-
-double energy_of_others(const AdvanceCall& call, const AdvanceIsland& island, const Particles& particles, bool corrected) {
-    const auto link_vector_of = [&](uint32_t n) {
-        const AdvanceBody& b = island.body[island.nodes.node[n].owner];
-        if (!b.works_by_energy()) return Vec4d{};
-        return corrected ? island.nodes.change[n].change
-                         : Vec4d((call.dt - 0.5 * b.last_dt) * (island.nodes.node[n].velocity - island.nodes.change[n].kicked));
-    };
-    double energy = 0;
-    for (uint32_t n = 0; n < island.nodes.node.size(); ++n) {
-        if (island.nodes.node[n].particle == kNone) continue;
-        const AdvanceBody& b = island.body[island.nodes.node[n].owner];
-        if (!b.step.force_x) continue;
-        const uint32_t v = island.nodes.node[n].particle - b.particles.first;
-        energy -= dot(make_vec4(b.step.force_x[v], b.step.force_y[v], b.step.force_z[v]), link_vector_of(n));
-    }
-    const auto link_vector_at_end = [&](uint32_t body, uint32_t node) {
-        if (body == kNone || !(corrected || island.body[body].synchronous())) return Vec4d{};
-        const uint32_t n = island.nodes.node_of_particle[island.body[body].particles.first + node];
-        return n == kNone ? Vec4d{} : link_vector_of(n);
-    };
-    // links are stiff: their forces change during the step
-    for (const AdvanceLink& link : island.links.link) {
-        const Vec4d link_vector = link_vector_at_end(link.far_body, link.far_node) - link_vector_at_end(link.body, link.node);
-        if (!(norm2(link_vector) > 0)) continue;
-        Vec4d far;
-        if (link.rigid == kNone) {
-            far = place_at_velocity(particles, island.body[link.far_body], link.far_node);
-        } else {
-            far = (island.body[link.body].synchronous() ? 0.0 : 0.5) * far_place(island, link, 0) +
-                  (island.body[link.body].synchronous() ? 1.0 : 0.5) * far_place(island, link, 1);
-        }
-        const Vec4d apart = far - place_at_velocity(particles, island.body[link.body], link.node);
-        const double after = stretch_of(link, apart), before = stretch_of(link, apart - link_vector);
-        energy += 0.5 * link.stiffness * (after * after - before * before) - dot(link.force, link_vector);
-    }
-    return energy;
 }
 
 void finish_links(const AdvanceCall& call, const Particles& particles, AdvanceIsland& island, AdvanceResult& result) {

@@ -13,10 +13,6 @@ void find_link_forces(const AdvanceCall& call, const Particles& particles, Advan
 void add_link_forces(const AdvanceIsland& island, uint32_t body, float* const axis[3]);
 // Applies the impulses of links to hands and free bodies, after their own kick.
 void pull_linked_rigids(const AdvanceCall& call, AdvanceIsland& island, std::span<ToolState> tools);
-// Change of the energy of links, pressure and bending (J) when contact impulses or position corrections
-// (`corrected`) move nodes of measured bodies. Impulses act beside the forces that the step evaluated,
-// corrections against the links' present forces.
-double energy_of_others(const AdvanceCall& call, const AdvanceIsland& island, const Particles& particles, bool corrected);
 // Records stretch and work of the links at the end of a substep, and breaks those that are too long.
 void finish_links(const AdvanceCall& call, const Particles& particles, AdvanceIsland& island, AdvanceResult& result);
 

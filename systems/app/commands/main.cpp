@@ -334,7 +334,7 @@ void add_sweep(CLI::App& app, int& code) {
         "    repeat = 3                                             # runs of every combination, for the spread of times\n"
         "    columns = [\"contact.total_ms_mean\", \"contact.max_depth_m\"]   # paths into metrics.json\n"
         "    [set]\n    \"liver.triangles\" = 4000\n"
-        "    [vary]\n    \"contact.cell_edges\" = [2.0, 2.5, 3.0]\n    \"liver.integrator\" = [\"leapfrog\", \"midpoint\"]\n"
+        "    [vary]\n    \"contact.cell_edges\" = [2.0, 2.5, 3.0]\n    \"mesh.integrator\" = [\"leapfrog\", \"implicit\"]\n"
         "Example: trocar sweep cells.toml --engine parallel --out out/cells\n"
         "Every run is a separate command (runs.txt). Finished runs are not repeated: start the same sweep again after an interruption or\n"
         "after adding values. Exit code 1 when a run failed; the table shows which and why.");

@@ -42,11 +42,11 @@ void vary(AdvanceScene& s, uint32_t body, const NodeTissue& nodes) {
     vary_tissue(nodes, s.meshes, body, s.springs, s.solids, s.bodies, s.particles, s.anchors);
 }
 
-// A bar of two halves, one four times as stiff, drawn out by 0.2 %, under every integrator: the same force
+// A bar of two halves, one four times as stiff, drawn out by 0.2 %: the same force
 // passes through both, so their strains are as 1 to 4. Disturbances: ends and the seam, which decay as exp(-4
 // distance / width) or faster, two widths away 3e-4 (Saint-Venant; the slowest decay of a square bar is 4.2
 // per width); the geometry, of the order of the strains, 0.5 %; and floats, 3e-8 m of 8e-5.
-void expect_strains_as_moduli(Integrator integrator) {
+TEST(TissueRegions, StrainsOfTwoHalvesAreAsTheirModuli) {
     const int cells = 24;
     const double h = 0.01, length = cells * h, ratio = 4, stretch = 2e-3;
     AdvanceScene s;
@@ -61,11 +61,9 @@ void expect_strains_as_moduli(Integrator integrator) {
         nodes.fixed[v] = rest[v].z() < 1e-6 || rest[v].z() > length - 1e-6;
     }
     vary(s, bar, nodes);
-    const bool leapfrog = integrator == Integrator::kLeapfrog;
-    if (!leapfrog) s.bodies.stepping.assign(1, {integrator, 40, 1e-6, 1});
     for (uint32_t v = 0; v < rest.size(); ++v) s.particles.offset[s.range(bar).first + v].z *= static_cast<float>(1 + stretch);
-    const uint32_t substeps = leapfrog ? count_substeps(s.bodies, s.moving(), 0.1, 1e-3) : 20;
-    for (int n = 0; n < (leapfrog ? 30 : 20); ++n) s.advance(100, substeps);
+    const uint32_t substeps = count_substeps(s.bodies, s.moving(), 0.1, 1e-3);
+    for (int n = 0; n < 30; ++n) s.advance(100, substeps);
     const auto strain = [&](double from, double to) {
         std::array<double, 2> displacement{}, count{};
         for (uint32_t v = 0; v < rest.size(); ++v) {
@@ -78,19 +76,15 @@ void expect_strains_as_moduli(Integrator integrator) {
     };
     const double width = 2 * h, soft_half = strain(2 * width, length / 2 - 2 * width),
                  stiff_half = strain(length / 2 + 2 * width, length - 2 * width);
-    std::printf("bar, integrator %d: strains %.4g and %.4g, ratio %.4f for %.0f\n", int(integrator), soft_half, stiff_half,
-                soft_half / stiff_half, ratio);
-    EXPECT_NEAR(soft_half / stiff_half, ratio, ratio * (2 * 3e-4 + soft_half + 2 * 3e-8 / (4 * h * stiff_half))) << int(integrator);
-    EXPECT_GT(soft_half, stretch) << int(integrator);
+    std::printf("bar: strains %.4g and %.4g, ratio %.4f for %.0f\n", soft_half, stiff_half, soft_half / stiff_half, ratio);
+    EXPECT_NEAR(soft_half / stiff_half, ratio, ratio * (2 * 3e-4 + soft_half + 2 * 3e-8 / (4 * h * stiff_half)));
+    EXPECT_GT(soft_half, stretch);
 }
-TEST(TissueRegions, StrainsOfTwoHalvesAreAsTheirModuli) {
-    for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint}) expect_strains_as_moduli(integrator);
-}
-
 // A region that is the whole body, E times 4 and density times 2, equals a body of that tissue: the same
 // forces, masses and stable step, solid and shell, with anchors and bending.
 void expect_another_tissue(Integrator integrator) {
     for (const bool solid : {true, false}) {
+        if (solid && integrator != Integrator::kLeapfrog) continue;
         AdvanceScene a, b;
         for (AdvanceScene* s : {&a, &b}) {
             Tissue tissue = soft(5);
@@ -126,7 +120,7 @@ void expect_another_tissue(Integrator integrator) {
     }
 }
 TEST(TissueRegions, OfAllOfABodyIsAnotherTissue) {
-    for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint}) expect_another_tissue(integrator);
+    for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kBackwardEuler}) expect_another_tissue(integrator);
 }
 
 // The stable step includes an inclusion: as short as its stiffest part needs, and no shorter. It holds for

@@ -36,8 +36,8 @@ TEST(SceneOverrides, BodyStandsForEveryDeformableOne) {
         "[[body]]\nname = \"second\"\nshape = \"sphere\"\nmotion = \"deformable\"\n[[body]]\nname = \"floor\"\nshape = \"table\"\n";
     const SceneFile scene = scene_with(
         others,
-        {{"body.integrator", "midpoint"}, {"body.model", "solid"}, {"body.tissue.youngs_modulus", "9e3"}, {"second.integrator", "auto"}});
-    EXPECT_EQ(scene.bodies[0].integrator, "midpoint");
+        {{"body.integrator", "implicit"}, {"body.model", "solid"}, {"body.tissue.youngs_modulus", "9e3"}, {"second.integrator", "auto"}});
+    EXPECT_EQ(scene.bodies[0].integrator, "implicit");
     EXPECT_EQ(scene.bodies[1].integrator, "auto") << "what comes later wins";
     for (size_t i : {0u, 1u}) {
         EXPECT_TRUE(scene.bodies[i].solid);
@@ -46,7 +46,7 @@ TEST(SceneOverrides, BodyStandsForEveryDeformableOne) {
     EXPECT_FALSE(scene.bodies[2].solid);
     EXPECT_EQ(scene.bodies[2].integrator, scene_with("").bodies[0].integrator);
     try {
-        scene_with("", {{"organ.motion", "static"}, {"body.integrator", "midpoint"}});
+        scene_with("", {{"organ.motion", "static"}, {"body.integrator", "implicit"}});
         ADD_FAILURE();
     } catch (const InputError& error) {
         EXPECT_NE(std::string(error.what()).find("the scene has no deformable body"), std::string::npos) << error.what();

@@ -319,7 +319,7 @@ TEST(Links, AHandFeelsWhatItHolds) {
 // the step: first order, omega dt of the potential energy exchanged.
 TEST(Links, HoldBodiesOfEveryIntegrator) {
     const double m = 0.02, k = 40, omega = std::sqrt(k / m), drop = m * 9.81 / k;
-    for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint}) {
+    for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kBackwardEuler}) {
         double worst[2] = {};
         for (const uint32_t per_ms : {1u, 2u}) {
             LinkScene s;
@@ -352,33 +352,28 @@ TEST(Links, HoldBodiesOfEveryIntegrator) {
 TEST(Links, BooksOfWhatIsPulledOntoAPlate) {
     const double m = 0.02, k = 40, sink = 0.02, aside = 0.03, slack = 1e-4;
     for (const double friction : {0.0, 0.3}) {
-        for (const Integrator integrator : {Integrator::kLeapfrog, Integrator::kMidpoint}) {
-            LinkScene s;
-            const uint32_t chain = add_graph(s, {{{0, 0, slack}, {0.1, 0, slack}}, {m, m}, {{0, 1}}, 0.1, 50});
-            s.bodies.tissue[chain].damping = 20;
-            s.bodies.stepping.resize(1);
-            s.bodies.stepping[0].integrator = integrator;
-            const uint32_t holder = s.add_body(s.add_mesh(subdivided_sphere(0.01, 1)), Motion::kKinematic, {0, 0, slack});
-            s.add_path(holder, {{0, {0, 0, slack}, {}, 0}, {0.4, {0, 0, -sink}, {}, 0}, {0.8, {aside, 0, -sink}, {}, 0}});
-            s.link(chain, holder, k);
-            const uint32_t plate = s.add_body(s.add_mesh(flat_square(1.0)), Motion::kStatic);
-            for (const uint32_t v : {0u, 1u}) s.add_constraint(chain, v, plate, {0, 1, 2}, {0.5, 0.2, 0.3}, {0, 0, 1}, slack, friction);
-            s.open();
-            double worst = 0;
-            for (int n = 0; n < 150; ++n) {
-                s.step(10, 20);
-                s.measure_all();
-                worst = std::max(worst, std::abs(s.energy.balance));
-            }
-            // an upper bound: once a mass sticks, friction holds the rest of the displacement aside
-            const double held = 0.5 * k * (sink * sink + std::pow(std::min(aside, friction * sink), 2));
-            std::printf(
-                "pulled onto a plate, friction %.1f, integrator %d: links hold %.6f of the most, books off by %.2g of the hand's work\n",
-                friction, static_cast<int>(integrator), s.energy.links / (2 * held), worst / s.energy.work_hand);
-            EXPECT_LT(s.energy.links, 2.001 * held);
-            EXPECT_GT(s.energy.links, 0.999 * k * sink * sink);
-            EXPECT_LT(worst, 1e-3 * s.energy.work_hand);
+        LinkScene s;
+        const uint32_t chain = add_graph(s, {{{0, 0, slack}, {0.1, 0, slack}}, {m, m}, {{0, 1}}, 0.1, 50});
+        s.bodies.tissue[chain].damping = 20;
+        const uint32_t holder = s.add_body(s.add_mesh(subdivided_sphere(0.01, 1)), Motion::kKinematic, {0, 0, slack});
+        s.add_path(holder, {{0, {0, 0, slack}, {}, 0}, {0.4, {0, 0, -sink}, {}, 0}, {0.8, {aside, 0, -sink}, {}, 0}});
+        s.link(chain, holder, k);
+        const uint32_t plate = s.add_body(s.add_mesh(flat_square(1.0)), Motion::kStatic);
+        for (const uint32_t v : {0u, 1u}) s.add_constraint(chain, v, plate, {0, 1, 2}, {0.5, 0.2, 0.3}, {0, 0, 1}, slack, friction);
+        s.open();
+        double worst = 0;
+        for (int n = 0; n < 150; ++n) {
+            s.step(10, 20);
+            s.measure_all();
+            worst = std::max(worst, std::abs(s.energy.balance));
         }
+        // an upper bound: once a mass sticks, friction holds the rest of the displacement aside
+        const double held = 0.5 * k * (sink * sink + std::pow(std::min(aside, friction * sink), 2));
+        std::printf("pulled onto a plate, friction %.1f: links hold %.6f of the most, books off by %.2g of the hand's work\n", friction,
+                    s.energy.links / (2 * held), worst / s.energy.work_hand);
+        EXPECT_LT(s.energy.links, 2.001 * held);
+        EXPECT_GT(s.energy.links, 0.999 * k * sink * sink);
+        EXPECT_LT(worst, 1e-3 * s.energy.work_hand);
     }
 }
 
