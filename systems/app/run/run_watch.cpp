@@ -77,7 +77,7 @@ std::vector<Overlap> start_overlaps(const World& w, double deeper) {
         const double depth = std::min(middle_inside(w, a, b), middle_inside(w, b, a)), share = depth / smaller_size(w, a, b);
         const auto known = std::ranges::find_if(list, [&](const Overlap& o) { return o.a == a && o.b == b; });
         if (known == list.end() && share > deeper) list.push_back({a, b, depth, share});
-        if (known != list.end() && share > known->share) *known = {a, b, depth, share};
+        if (known != list.end() && known->share <= kStartsDeep && share > known->share) *known = {a, b, depth, share};
     }
     return list;
 }
