@@ -27,7 +27,8 @@ constexpr double kRuin = 10;             // times what entered
 constexpr double kSummingFloats = 1e-5;  // of the potential energy, which sums floats
 constexpr double kSteps = 10;            // energies of one such error that add up before damping ends them: measured 1 to 2
 constexpr double kMilliJoule = 1e3;
-constexpr double kStepOfParticle = 11e-9, kStepOfTetrahedron = 25e-9;  // s: measured on shells of 250 particles, solids of 11,448 tetrahedra
+constexpr double kStepOfParticle = 11e-9,
+                 kStepOfTetrahedron = 25e-9;  // s: measured on shells of 250 particles, solids of 11,448 tetrahedra
 
 const char* name_of(const World& w, uint32_t body) { return w.bodies.name[body].c_str(); }
 
