@@ -50,7 +50,7 @@ EightFaces gather(std::span<const Triangle> triangle, const Float4* position) {
     return faces;
 }
 
-FaceBox box_of(const EightFaces& faces) {
+FaceBox leaf_box(const EightFaces& faces) {
     return {{least_lane(faces.low.x), least_lane(faces.low.y), least_lane(faces.low.z), 0},
             {-least_lane(-faces.high.x), -least_lane(-faces.high.y), -least_lane(-faces.high.z), 0}};
 }
@@ -76,7 +76,7 @@ void build_tree(std::span<const Triangle> triangle, const Float4* position, Cros
     parallel_for(leaves, 4 * kGrain, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) {
             tree.leaf[i] = gather(triangle.subspan(kLanes * i, std::min<size_t>(kLanes, triangle.size() - kLanes * i)), position);
-            tree.level[0][i] = box_of(tree.leaf[i]);
+            tree.level[0][i] = leaf_box(tree.leaf[i]);
         }
     });
     for (size_t level = 1; level < tree.level.size(); ++level) {
@@ -126,13 +126,13 @@ uint32_t boxes_meet(const FaceBox& box, const EightFaces& b) {
     return boxes_meet(spread(box.low), spread(box.high), b);
 }
 
-Corners corners_of(const Triangle& t, const Float4* position) {
+Corners corners_at(const Triangle& t, const Float4* position) {
     const auto at = [&](uint32_t v) { return Vec3d(position[v].x, position[v].y, position[v].z); };
     return {at(t[0]), at(t[1]), at(t[2])};
 }
 
 bool cross_exactly(const Triangle& t, const Triangle& u, const Float4* position) {
-    const Corners a = corners_of(t, position), b = corners_of(u, position);
+    const Corners a = corners_at(t, position), b = corners_at(u, position);
     return meet_faces(t, a, u, b) == Meeting::kCrossing && !are_collinear(a[0], a[1], a[2]) && !are_collinear(b[0], b[1], b[2]);
 }
 

@@ -327,12 +327,13 @@ void add_dent_planes(const ContactInputs& in, const Contacts& contacts, const Ha
     constexpr double kFlat = 1e-3;   // of a mean edge
     const Surfaces& s = in.surfaces;
     if (std::ranges::all_of(haptics.tool, [](const HandTool& t) { return t.point_shell.empty(); })) return;
-    std::vector<uint8_t> turns(s.bodies.mesh.size(), 0);
-    for (const HandTool& t : haptics.tool) turns[t.body] = !t.point_shell.empty();
+    const auto turns = [&](uint32_t body) {
+        return std::ranges::any_of(haptics.tool, [&](const HandTool& t) { return t.body == body && !t.point_shell.empty(); });
+    };
     const uint32_t count = uint32_t(constraints.body.size());
     for (uint32_t c = 0; c < count; ++c) {
         const uint32_t i = constraints.contact[c], other = constraints.other[c];
-        const bool corner_of_tool = turns[constraints.body[c]] && contacts.vertex[i][0] == contacts.vertex[i][1];
+        const bool corner_of_tool = turns(constraints.body[c]) && contacts.vertex[i][0] == contacts.vertex[i][1];
         if (!corner_of_tool || contacts.third[i] != kNone || !is_deformable(s.bodies, other) ||
             !is_sharp(s, constraints.body[c], contacts.vertex[i][0]))
             continue;
