@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
+#include <iterator>
 namespace trocar {
 
 // The number whose bytes begin at `at`, little endian unless `big`.
