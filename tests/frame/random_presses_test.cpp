@@ -240,8 +240,8 @@ TEST(RandomPresses, ACornerHeldStillIsStill) {
 // ---- two tools on one sheet ----
 
 // Two tips press a thin sheet from both sides at one place: each hand feels the same, steadily, what the tissue bears, and that
-// is its coupling's stiffness times the way its tip is short of the sheet. Breaks when light tissue between two tools is swept too
-// little for their weight (tips in each other), or when a tip that touches the other one too is taken for free of the sheet.
+// is the stiffness of its coupling times the distance its tip is short of the sheet. Breaks when light tissue between two tools is swept
+// too little for their weight (tips in each other), or when a tip that touches the other one too is taken for free of the sheet.
 TEST(RandomPresses, TwoToolsOnOneSheetFeelTheSame) {
     const Mesh sheet = reference::make_plane(24, 0.05);
     WrittenScene mesh("sheet_mesh", "");
