@@ -12,7 +12,7 @@
 namespace trocar {
 namespace {
 
-constexpr uint32_t kLanes = kFacesInLeaf;
+constexpr uint32_t kLanes = 8;
 constexpr uint32_t kGrain = 64;  // leaves
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 // A signed volume n.(x - a) from floats is wrong by 13 roundings of |e1||e2||x - a| at most: two of the edges and four of the
@@ -69,7 +69,7 @@ bool boxes_meet(const FaceBox& a, const FaceBox& b) {
 }
 
 void build_tree(std::span<const Triangle> triangle, const Float4* position, CrossingFacesScratch& tree) {
-    const uint32_t leaves = face_leaves(triangle.size());
+    const uint32_t leaves = static_cast<uint32_t>((triangle.size() + kLanes - 1) / kLanes);
     tree.leaf.resize(leaves);
     tree.level.resize(std::bit_width(leaves - 1) + 1u);
     tree.level[0].resize(leaves);
@@ -187,14 +187,14 @@ struct LeafSearch {
 
 }  // namespace
 
-uint64_t count_crossing_faces(std::span<const Triangle> triangle, const Float4* position, Range leaves, CrossingFacesScratch& scratch) {
-    if (leaves.count == 0) return 0;
+uint64_t count_crossing_faces(std::span<const Triangle> triangle, const Float4* position, CrossingFacesScratch& scratch) {
+    if (triangle.empty()) return 0;
     build_tree(triangle, position, scratch);
     std::atomic<uint64_t> crossings = 0;
-    parallel_for(leaves.count, kGrain, [&](uint32_t begin, uint32_t end) {
+    parallel_for(static_cast<uint32_t>(scratch.leaf.size()), kGrain, [&](uint32_t begin, uint32_t end) {
         uint64_t found = 0;
         for (uint32_t i = begin; i < end; ++i) {
-            LeafSearch search{triangle, position, scratch, leaves.first + i};
+            LeafSearch search{triangle, position, scratch, i};
             search.run();
             found += search.crossings;
         }

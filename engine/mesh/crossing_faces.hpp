@@ -3,7 +3,6 @@
 #include <span>
 #include <vector>
 
-#include "components/entity.hpp"
 #include "components/mesh.hpp"
 #include "components/particles.hpp"
 #include "engine/geometry/eight_points.hpp"
@@ -31,13 +30,10 @@ struct CrossingFacesScratch {
 // onto a point. A smooth surface needs a few, a crumpled one some dozens.
 inline constexpr uint32_t kMostExactTests = 1024;
 
-inline constexpr uint32_t kFacesInLeaf = 8;
-inline uint32_t face_leaves(size_t triangles) { return static_cast<uint32_t>((triangles + kFacesInLeaf - 1) / kFacesInLeaf); }
-
-// Number of pairs of faces of one surface that share a point interior to both (Meeting::kCrossing), the lower one in one of the
-// leaves: faces 8 i to 8 i + 7. By exact tests of the pairs that boxes and planes in floats with their error bounds do not part;
-// degenerate faces are ignored. A lower bound beyond kMostExactTests. Takes some 0.1 us a face of a smooth surface, whose faces
-// should be ordered for locality. position: m, one element a vertex. The same for any number of threads.
-uint64_t count_crossing_faces(std::span<const Triangle> triangle, const Float4* position, Range leaves, CrossingFacesScratch& scratch);
+// Number of pairs of faces of one surface that share a point interior to both (Meeting::kCrossing), by exact tests of the
+// pairs that boxes and planes in floats with their error bounds do not part; degenerate faces are ignored. A lower bound beyond
+// kMostExactTests. Takes some 0.1 us a face of a smooth surface, whose faces should be ordered for locality. position: m, one
+// element a vertex. The same for any number of threads.
+uint64_t count_crossing_faces(std::span<const Triangle> triangle, const Float4* position, CrossingFacesScratch& scratch);
 
 }  // namespace trocar

@@ -6,13 +6,16 @@
 #include "engine/mesh/surfaces.hpp"
 namespace trocar {
 
-// In a displayed frame so many leaves of eight faces are looked at, an eighth of them all if that is more, in turn: a scene of
-// up to 4,096 deforming faces is counted whole in each frame, any face of a larger one about four times a second.
-inline constexpr uint32_t kLeavesOfAFrame = 512, kFramesOfARound = 8;
+// Sheets, which fold easily, are looked at in each displayed frame, any other deformable body in one of so many: about once a
+// second, for 1 to 3 % of the time of a soft organ.
+inline constexpr uint64_t kFramesBetweenLooks = 32;
 
-// Counts the pairs of faces of every deformable body that cross each other (count_crossing_faces) among the faces whose turn
-// it is, and the most that one frame found: Report::self_crossings. Contact of a body that has crossed itself is wrong, and
-// no other number tells. Sleeping bodies are left out: they were looked at while they moved. picture: number of the displayed frame.
+// Pairs of faces of a body that cross each other (count_crossing_faces); 0 if it is rigid.
+uint64_t count_self_crossings(const Surfaces& surfaces, uint32_t body, CrossingFacesScratch& scratch);
+
+// Counts them for the bodies whose turn it is in a displayed frame, and the most that one frame found: Report::self_crossings.
+// Contact of a body that has crossed itself is wrong, and no other number tells. Sleeping bodies are left out: nothing of
+// them changes. picture: number of the displayed frame.
 void count_self_crossings(uint64_t picture, const Surfaces& surfaces, const Sleep& sleep, CrossingFacesScratch& scratch,
                           SelfCrossingCounts& counts, Report& report);
 

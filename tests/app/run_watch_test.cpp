@@ -87,7 +87,7 @@ TEST(RunWatch, NamesShortSteps) {
     }
 }
 
-// Every third vertex of a soft block is mirrored: named at the next picture.
+// Every third vertex of a soft block is mirrored: named at the end of the run.
 TEST(RunWatch, NamesWhatCrossesItself) {
     const WrittenScene written("crossed", "gravity = [0, 0, 0]\n" + body("block", kSoft + "youngs_modulus = 10"));
     ThreadPool pool(1);
@@ -97,6 +97,7 @@ TEST(RunWatch, NamesWhatCrossesItself) {
         const Range particles = frame.world().bodies.particles[0];
         for (uint32_t p = particles.first; p < particles.end(); p += 3) frame.world().particles.offset[p].x *= -1;
         for (int pass = 0; pass < 2; ++pass) frame.step(), watch.after_pass(frame);
+        watch.finish(frame.world());
         const uint64_t pairs = frame.world().report.self_crossings;
         EXPECT_GT(pairs, 0u);
         const std::vector<std::string> warnings = watch.take_warnings();

@@ -214,7 +214,6 @@ void RunWatch::look_at_tetrahedra(const World& w) {
 }
 
 void RunWatch::look_at_crossings(const World& w) {
-    if (w.report.self_crossings == std::exchange(crossings_before_, w.report.self_crossings)) return;
     std::vector<std::string> texts;
     crossed_.resize(w.bodies.mesh.size());
     for (uint32_t b = 0; b < w.self_crossings.pairs.size(); ++b) {
@@ -290,6 +289,13 @@ void RunWatch::finish(World& w) {
     }
     w.report.left_overlaps = texts.size();
     if (!texts.empty()) warnings_.push_back(listed(texts));
+    CrossingFacesScratch scratch;
+    uint64_t crossings = 0;
+    w.self_crossings.pairs.resize(w.bodies.mesh.size());
+    for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b)
+        crossings += w.self_crossings.pairs[b] = count_self_crossings(surfaces_of(w), b, scratch);
+    w.report.self_crossings = std::max(w.report.self_crossings, crossings);
+    look_at_crossings(w);
 }
 
 }  // namespace trocar

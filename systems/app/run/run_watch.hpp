@@ -56,7 +56,7 @@ class RunWatch {
     std::string worst_text_;
     std::vector<uint8_t> inverted_, crossed_;  // per body: warned of
     std::vector<uint32_t> tool_inside_;        // per tool: the body that it is inside, or kNone
-    uint64_t inverted_before_ = 0, crossings_before_ = 0;
+    uint64_t inverted_before_ = 0;
     bool short_ = false, unearned_ = false;
 };
 

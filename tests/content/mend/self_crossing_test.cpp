@@ -71,7 +71,7 @@ uint64_t count_in_floats(const Mesh& m) {
         position.push_back({f.x(), f.y(), f.z(), 0});
     }
     CrossingFacesScratch scratch;
-    return count_crossing_faces(m.triangle, position.data(), {0, face_leaves(m.triangle.size())}, scratch);
+    return count_crossing_faces(m.triangle, position.data(), scratch);
 }
 
 // Random faces over few grid points: most pairs share corners, edges, planes or lines. Breaks when a shortcut
