@@ -49,7 +49,7 @@ inline constexpr uint8_t kOfRun = kInMetrics | kOnPage;  // counted by the run, 
     PASS(kSum, contact_events, "", kEvent, "passes with at least one overlapping pair")                                                \
     PASS(kSum, dropped_contacts, "", kTrouble, "contacts beyond the capacity of a body, the shallowest, were dropped")                 \
     PASS(kSum, oversize_triangles, "", kTrouble, "times a triangle spanned more than 64 cells of the grid and was tested by its box")  \
-    PASS(kSum, unswept_bodies, "", kTrouble, "times a soft or scripted body moved farther in a pass than contacts look ahead")         \
+    PASS(kSum, unswept_bodies, "", kFigure, "times a soft or scripted body moved farther in a pass than contacts look ahead")          \
     PASS(kSum, deferred_pairs, "", kTrouble, "times a pair of free bodies was left to a later pass at the bound on work")              \
     PASS(kSum, queries, "", kStored, "closest-point queries of the overlap and edge stages")                                           \
     PASS(kSum, tie_overflows, "", kTrouble, "closest-point queries met too many ties and were repeated in double")                     \
@@ -63,7 +63,7 @@ inline constexpr uint8_t kOfRun = kInMetrics | kOnPage;  // counted by the run, 
     ISLAND(kLeast, min_volume_ratio, "", kStored,                                                                                      \
            "least signed volume of a tetrahedron / its volume at rest, all substeps so far; infinity without solids")                  \
     ISLAND(kSum, inverted_tetrahedra, "", kTrouble, "times a tetrahedron was inside out at the end of a pass")                         \
-    PASS(kSum, self_crossings, "", kTrouble, "pairs of faces of one body crossed at the end of a displayed frame, at most")             \
+    PASS(kSum, self_crossings, "", kTrouble, "pairs of faces of one body crossed at the end of a displayed frame, at most")            \
     ISLAND(kSum, short_steps, "", kTrouble, "steps shorter than 0.02 ms")                                                              \
     ISLAND(kSum, runaway_bodies, "", kTrouble, "times a body was restored because its energy had grown spontaneously")                 \
     PASS(kSum, awake_bodies, "", kFigure, "deformable bodies that were moved in the last pass")                                        \

@@ -213,15 +213,33 @@ void RunWatch::look_at_tetrahedra(const World& w) {
     if (!texts.empty()) warnings_.push_back(listed(texts));
 }
 
+// Once, of the bodies that the first such frame found: a heap of slack shells has new ones in every frame.
 void RunWatch::look_at_crossings(const World& w) {
+    if (crossed_) return;
     std::vector<std::string> texts;
-    crossed_.resize(w.bodies.mesh.size());
     for (uint32_t b = 0; b < w.self_crossings.pairs.size(); ++b) {
-        if (w.self_crossings.pairs[b] == 0 || std::exchange(crossed_[b], 1)) continue;
+        if (w.self_crossings.pairs[b] == 0) continue;
         texts.push_back(format("\"%s\" crosses itself in %llu pairs of faces after %.3f s", name_of(w, b),
                                static_cast<unsigned long long>(w.self_crossings.pairs[b]), static_cast<double>(w.clock.tick) * 1e-3));
     }
-    if (!texts.empty()) warnings_.push_back(listed(texts));
+    if (texts.empty()) return;
+    crossed_ = true;
+    warnings_.push_back(listed(texts));
+}
+
+// Of all bodies, also of those whose turn it was not and of sleeping ones.
+void RunWatch::count_crossings_at_end(World& w) {
+    CrossingFacesScratch scratch;
+    uint64_t crossings = 0;
+    w.self_crossings.pairs.resize(w.bodies.mesh.size());
+    for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b)
+        crossings += w.self_crossings.pairs[b] = count_self_crossings(surfaces_of(w), b, scratch);
+    w.report.self_crossings = std::max(w.report.self_crossings, crossings);
+    const auto bodies = std::ranges::count_if(w.self_crossings.pairs, [](uint64_t pairs) { return pairs > 0; });
+    if (crossed_ && bodies > 1)
+        warnings_.push_back(format("at the end %lld bodies cross themselves, in %llu pairs of faces", static_cast<long long>(bodies),
+                                   static_cast<unsigned long long>(crossings)));
+    look_at_crossings(w);
 }
 
 void RunWatch::follow_overlaps(const World& w) {
@@ -289,13 +307,7 @@ void RunWatch::finish(World& w) {
     }
     w.report.left_overlaps = texts.size();
     if (!texts.empty()) warnings_.push_back(listed(texts));
-    CrossingFacesScratch scratch;
-    uint64_t crossings = 0;
-    w.self_crossings.pairs.resize(w.bodies.mesh.size());
-    for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b)
-        crossings += w.self_crossings.pairs[b] = count_self_crossings(surfaces_of(w), b, scratch);
-    w.report.self_crossings = std::max(w.report.self_crossings, crossings);
-    look_at_crossings(w);
+    count_crossings_at_end(w);
 }
 
 }  // namespace trocar

@@ -43,6 +43,7 @@ class RunWatch {
     void look_at_tools(const World& world);
     void look_at_tetrahedra(const World& world);
     void look_at_crossings(const World& world);
+    void count_crossings_at_end(World& world);
     void look_at_steps(const World& world);
     void follow_overlaps(const World& world);
 
@@ -54,10 +55,10 @@ class RunWatch {
     double push_ = 0, numeric_ = 0;                            // J, works after the last pass and picture
     double worst_unearned_ = 0;                                // J
     std::string worst_text_;
-    std::vector<uint8_t> inverted_, crossed_;  // per body: warned of
-    std::vector<uint32_t> tool_inside_;        // per tool: the body that it is inside, or kNone
+    std::vector<uint8_t> inverted_;      // per body: warned of
+    std::vector<uint32_t> tool_inside_;  // per tool: the body that it is inside, or kNone
     uint64_t inverted_before_ = 0;
-    bool short_ = false, unearned_ = false;
+    bool short_ = false, unearned_ = false, crossed_ = false;
 };
 
 }  // namespace trocar
