@@ -173,6 +173,7 @@ const std::vector<DeviceBackend>& device_backends() {
         {"udp", "udp[:[ADDRESS:]PORT]", "waits for a device that sends packets (docs/devices.md); 127.0.0.1:7731", true},
         {"plugin", "plugin:FILE[?OPTIONS]", "shared library that implements trocar_device.h", true},
         {"haply", "haply[:[HOST:]PORT]", "Haply Inverse service, JSON over WebSocket; localhost:10001", haply_is_built()},
+        {"browser", "browser", "the mouse of a live view: `trocar run SCENE --live --view --device BODY=browser`", true},
         {"igtl", "igtl[:[HOST:]PORT]", "OpenIGTLink server: poses in, force out; localhost:18944", igtl_is_built()},
     };
     return backends;
@@ -187,6 +188,7 @@ std::unique_ptr<DeviceLink> open_device(const std::string& specification) {
         if (rest.empty()) refuse_device(specification, "write trace:FILE");
         return open_trace(rest);
     }
+    if (word == "browser") refuse_device(specification, "it belongs to a live view: trocar run SCENE --live --view --device BODY=browser");
     if (word == "udp") return open_udp_device(specification, parse_address(specification, rest, {"127.0.0.1", 7731}));
     if (word == "plugin") return open_plugin_device(specification, rest);
     if (word == "haply") return open_haply_device(specification, parse_address(specification, rest, {"localhost", 10001}));

@@ -122,6 +122,7 @@ const std::vector<DeviceBackend>& device_backends();
 //   trace:FILE                a recording, in real time
 //   udp[:[ADDRESS:]PORT]      waits for a device that sends packets (127.0.0.1:7731)
 //   haply[:[HOST:]PORT]       Haply Inverse service (localhost:10001)
+//   browser                   refused here: LiveView opens it
 //   igtl[:[HOST:]PORT]        OpenIGTLink server (localhost:18944)
 //   plugin:FILE[?OPTIONS]     shared library that implements components/trocar_device.h
 // Throws InputError "device SPEC: reason" for errors known at once; a service not yet running is tried again.

@@ -107,6 +107,12 @@ void add_run(CLI::App& app, int& code) {
                     "Live: BODY=DEVICE, moves that tool by a device instead of the scene's hand; repeatable; `trocar device list`. Prints "
                     "the samples of each at the end; exit code 1 if one gave no usable sample")
         ->needs(live);
+    run->add_option("--view", o->view,
+                    "Show the run in a browser on this machine, at real time: pause, step, speed, start again; lasts until it is ended "
+                    "there, by Ctrl-C or by --seconds. Prints the address; --view=PORT chooses its port")
+        ->expected(0, 1)
+        ->default_str("0")
+        ->check(CLI::Range(0, 65535));
     run->add_option("--replay", o->replay,
                     "Repeat a live run in lockstep from its live.recording, with the same scene and --set; exit code 1 "
                     "unless the result is bit-identical")

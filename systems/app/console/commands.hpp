@@ -22,6 +22,7 @@ struct RunOptions {
     bool live = false;
     std::vector<std::string> devices;  // live: BODY=SPECIFICATION, replaces the scene's scripted hand
     std::filesystem::path replay;      // recording of a live run to repeat in lockstep; empty = none
+    int view = -1;  // port of the live view; 0 = any free one, -1 = no view
     bool render = true;
     bool player = true;         // embed the 3D player in report.html
     uint32_t threads = 0;       // 0 = all cores

@@ -33,6 +33,17 @@ constexpr const char* kStart =
 
 bool has_player() { return *kPlayerScript != 0; }
 
+std::string packed_player_script() {
+    std::string bytes;
+    uint32_t bits = 0, count = 0;
+    for (const char* c = kPlayerScript; *c != 0 && *c != '='; ++c) {
+        const size_t digit = std::string_view("ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/").find(*c);
+        bits = bits << 6 | static_cast<uint32_t>(digit), count += 6;
+        if (count >= 8) count -= 8, bytes += static_cast<char>(bits >> count & 255);
+    }
+    return bytes;
+}
+
 std::string missing_player_section() {
     return text_section("This program was built without the player: Node.js and npm, or the packages they load, were not there then.");
 }

@@ -6,6 +6,8 @@ namespace trocar {
 
 // Whether the program was built with the player.
 bool has_player();
+// Its script, compressed by zlib; empty without it.
+std::string packed_player_script();
 
 // Largest recording on a page, bytes of base64. Beyond it every second frame goes until the rest fits.
 inline constexpr size_t kLargestRecording = size_t{8} << 20;

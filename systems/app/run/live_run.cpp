@@ -161,7 +161,7 @@ void publish_models(void* user, World& world) {
 }
 
 // One link per tool, null where the scene's scripted hand holds it. `devices` are BODY=SPECIFICATION.
-std::vector<std::unique_ptr<DeviceLink>> open_links(const std::vector<std::string>& devices, const World& world) {
+std::vector<std::unique_ptr<DeviceLink>> open_links(const std::vector<std::string>& devices, const World& world, LiveView* view) {
     std::vector<std::unique_ptr<DeviceLink>> links(world.haptics.tool.size());
     for (const std::string& text : devices) {
         const size_t equals = text.find('=');
@@ -173,7 +173,11 @@ std::vector<std::unique_ptr<DeviceLink>> open_links(const std::vector<std::strin
         if (!world.node_state.laid_down.empty() && world.node_state.laid_down[tool])
             throw InputError("--device " + text + ": \"" + body + "\" is exchanged for another instrument and shares its device");
         if (links[tool]) throw InputError("--device " + text + ": the tool \"" + body + "\" has a device already");
-        links[tool] = open_device(text.substr(equals + 1));
+        const std::string specification = text.substr(equals + 1);
+        const HandTool& hand = world.haptics.tool[tool];
+        links[tool] = view && specification == "browser"
+                          ? view->open_device(hand.body, hand, read_device(device_of(world.haptics, world.paths, hand), 0))
+                          : open_device(specification);
     }
     return links;
 }
@@ -203,12 +207,12 @@ void first_device_states(World& world) {
 int64_t time_let_go(int64_t behind, int64_t period) { return behind > period ? behind : 0; }
 
 bool run_live(const RunParts& run, LiveRecording* recording) {
-    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player] = run;
+    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player, view] = run;
     World& world = frame.world();
     TickCollector collector(recording);
     collector.begin(world, seconds);
     first_device_states(world);
-    const std::vector<std::unique_ptr<DeviceLink>> links = open_links(options.devices, world);
+    const std::vector<std::unique_ptr<DeviceLink>> links = open_links(options.devices, world, view);
     std::vector<DeviceLink*> link;
     for (const auto& opened : links) link.push_back(opened.get());
     for (const ToolExchange& e : world.nodes.exchange)
@@ -238,6 +242,10 @@ bool run_live(const RunParts& run, LiveRecording* recording) {
     int64_t slip = 0;
     uint64_t published = 0;
     while (static_cast<double>(world.clock.tick) < seconds * 1000 && stop_signal() == 0) {
+        const int64_t asked = monotonic_ns();
+        if (view && !view->wait_while_paused(frame)) break;
+        const int64_t waited = monotonic_ns() - asked;
+        if (waited > kMillisecond) slip += waited;  // paused, which is not late
         const int64_t due = start + slip + static_cast<int64_t>(world.clock.tick) * kMillisecond;
         const int64_t behind = world.clock.pass > 0 ? monotonic_ns() - due : 0;
         world.report.late_passes += behind > kMillisecond;
@@ -256,6 +264,7 @@ bool run_live(const RunParts& run, LiveRecording* recording) {
         pass.frame_ms = static_cast<double>(monotonic_ns() - pass_start) * 1e-6;
         if (recorder) recorder->after_pass(pass);
         if (player) player->after_pass(frame, frame.times().stage_ns);
+        if (view) view->after_pass(frame, frame.times().stage_ns);
         add_stage_times(frame, figures);
         figures.pass.push_back(pass);
         record_tools(frame, figures.tool_sample);

@@ -39,6 +39,7 @@ namespace trocar {
 namespace fs = std::filesystem;
 namespace {
 
+constexpr double kLongestView = 1e6;  // s, as of --seconds
 constexpr size_t kTraceCapacity = 1u << 19;
 // Bodies, and their total triangles, that a run writes by default: 90 MB of text.
 constexpr size_t kMostMeshes = 500, kMostTriangles = 1'000'000;
@@ -135,13 +136,14 @@ void print_warnings(const std::vector<std::string>& warnings) {
 
 // Runs as fast as possible in one deterministic order, freely or following a recorded live run.
 void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
-    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player] = run;
+    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player, view] = run;
     std::map<uint64_t, std::string_view> names;
     CostMeter costs;
     Progress progress(figures.scene);
     const uint64_t start = now_ns();
     const double end_tick = replay ? static_cast<double>(replay->end_tick()) : seconds * 1000;
     while (static_cast<double>(frame.world().clock.tick) < end_tick && stop_signal() == 0) {
+        if (view && !view->wait_for_turn(frame)) break;
         const double time = static_cast<double>(frame.world().clock.tick) * 1e-3;
         if (replay) replay->begin_pass();
         const uint64_t keep_start = now_ns();
@@ -168,6 +170,7 @@ void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
                 attempt(figures, [&] { export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture - 1); });
         }
         if (player) player->after_pass(frame, frame.times().stage_ns);
+        if (view) view->after_pass(frame, frame.times().stage_ns);
         add_stage_times(frame, figures);
         for (const uint64_t ns : frame.times().tick_ns) figures.tick_us.push_back(static_cast<double>(ns) * 1e-3);
         figures.pass.push_back(pass);
@@ -474,7 +477,14 @@ int run_command(const RunOptions& options) {
     const uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
     CommandPool pool(options.threads == 0 && options.live ? std::max(1u, cores - 1) : options.threads);
     RunFigures figures;
-    pool.run([&] {
+    std::optional<LiveView> view;
+    if (options.view >= 0) {
+        view.emplace(static_cast<uint16_t>(options.view));
+        std::fprintf(stderr, "trocar: open %s in a browser on this machine\n", view->address().c_str());
+    }
+    // True if the run shall start again.
+    const auto simulate = [&] {
+        figures = {};
         double bytes = resident_bytes();
         const bool draws = options.render && !options.figures_only && file.settings.render && !options.out.empty();
         // captures may be drawn later, and recordings must be of the same world as their replay
@@ -496,7 +506,8 @@ int run_command(const RunOptions& options) {
         figures.build_s = static_cast<double>(now_ns() - start) * 1e-9;
         std::optional<PictureWriter> pictures;
         if (draws) pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out);
-        const double seconds = options.seconds > 0 ? options.seconds : file.settings.seconds;
+        // a view lasts until it is ended
+        const double seconds = options.seconds > 0 ? options.seconds : view ? kLongestView : file.settings.seconds;
         std::optional<LiveReplay> repeat;
         if (replay) repeat.emplace(haptic_params(frame.world().clock.contact_rate), recording, options.replay.string(), frame);
         std::optional<FrameRecorder> recorder;
@@ -514,17 +525,25 @@ int run_command(const RunOptions& options) {
                            recorder ? &*recorder : nullptr,
                            figures,
                            &watch,
-                           player ? &*player : nullptr};
+                           player ? &*player : nullptr,
+                           view ? &*view : nullptr};
+        if (view) view->attach(frame, figures.scene, scene.camera, !options.live);
         if (options.live)
             run_recorded(run);
         else
             run_lockstep(run, repeat ? &*repeat : nullptr, frame_options.trace);
+        if (view && view->take_reset()) return true;
         if (recorder) finish_captures(*recorder, figures);
         watch.finish(frame.world());
         print_warnings(watch.take_warnings());
         figures.ruin = watch.ruin();
         finish_figures(frame, figures);
         if (!options.out.empty()) write_outputs(options, frame, trace, run.pictures, scene.camera, run.player, figures);
+        return false;
+    };
+    pool.run([&] {
+        while (simulate()) {
+        }
     });
     return tell_of_run(options, figures);
 }

@@ -1,4 +1,4 @@
-// Reads what PlayerRecorder::coded wrote (systems/app/player/player_recorder.cpp). Lengths in m, forces in N.
+// Reads what PlayerCoder wrote (systems/app/player/player_coder.cpp). Lengths in m, forces in N.
 
 class Reader {
     constructor(bytes) {
@@ -105,6 +105,15 @@ function readFindings(r, header) {
     found.cellSize = r.float(), found.cellOrigin = r.vector();
     found.cells = r.times(count, () => [r.number(), r.number(), r.number()]);
     return found;
+}
+
+// What a live view sends after its start: one frame as steps from the one before, and its findings.
+export function readLiveFrame(bytes, {header, meshes}, before) {
+    const r = new Reader(bytes), frame = readFrame(r, header, meshes, before);
+    r.number();  // bytes of the findings
+    const rest = bytes.subarray(r.at);
+    frame.read = () => readFindings(new Reader(rest), header);
+    return frame;
 }
 
 export function readRecording(bytes) {

@@ -232,6 +232,15 @@ export class View {
         requestAnimationFrame(() => { this.waiting = false, this.renderer.render(this.scene, this.camera); });
     }
     home() { this.controls.reset(); }
+    // A browser has room for a few views.
+    dispose() { this.renderer.dispose(), this.renderer.forceContextLoss(); }
+    // The point under a place of the canvas that is as far away as `point`.
+    onPlane(x, y, point) {
+        const {clientWidth: width, clientHeight: height} = this.canvas, at = new three.Vector3(...point).project(this.camera);
+        return new three.Vector3(2 * x / width - 1, 1 - 2 * y / height, at.z).unproject(this.camera).toArray();
+    }
+    // `point` moved away from the camera, m.
+    deeper(point, by) { return new three.Vector3(...point).addScaledVector(this.camera.getWorldDirection(new three.Vector3()), by).toArray(); }
     // The contact or body under a place of the canvas, in pixels; null where there is none.
     pick(x, y) {
         const {clientWidth: width, clientHeight: height} = this.canvas, {contacts} = this.recording.frames[this.frame];
