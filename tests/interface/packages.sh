@@ -1,0 +1,35 @@
+#!/usr/bin/env bash
+# Tries packages: packages.sh FOLDER [chroot]. Contents of the .debs; the wheel in a folder of its own runs a scene by name from an
+# empty folder; with `chroot` (root, debootstrap, network) the .debs in a bare Debian 12.
+set -euo pipefail
+folder=$(realpath "$1")
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+fail() { echo "packages: $*" >&2; exit 1; }
+holds() {  # package file...
+    local list
+    list=$(dpkg-deb --contents "$folder/$1"_*.deb | awk '{print $6}')
+    for file in "${@:2}"; do grep -qx "\./usr/$file" <<<"$list" || fail "$1 holds no /usr/$file"; done
+}
+holds libtrocar0 lib/libtrocar.so.0 share/trocar/scenes/palpate.toml
+holds libtrocar-dev include/trocar/trocar.h include/trocar/systems/frame/frame.hpp lib/libtrocar.so lib/pkgconfig/trocar.pc lib/cmake/trocar/trocarConfig.cmake
+holds trocar bin/trocar libexec/trocar/trocar-assimp-reader
+holds python3-trocar lib/python3/dist-packages/trocar/__init__.py lib/python3/dist-packages/trocar/py.typed
+for package in libtrocar0 trocar; do
+    dpkg-deb --field "$folder/$package"_*.deb Depends | grep -q libembree || fail "$package does not depend on Embree"
+done
+program='
+import trocar
+with trocar.Sim("probe_on_liver", set={"liver.triangles": 500}) as sim:
+    sim.step(20)
+    print("trocar", trocar.__version__, "ran", sim.time, "s, state", sim.hash)'
+mkdir "$work/site" "$work/empty"
+python3 -m zipfile -e "$folder"/trocar-*.whl "$work/site"
+(cd "$work/empty" && env -u TROCAR_SCENES -u TROCAR_LIBRARY PYTHONPATH="$work/site" python3 -c "$program") || fail "the wheel does not run"
+[ "${2:-}" = chroot ] || exit 0
+root=$work/root
+debootstrap --variant=minbase bookworm "$root" >"$work/log" 2>&1 || { tail -5 "$work/log"; fail "no bare Debian"; }
+mkdir "$root/packages" && cp "$folder"/*.deb "$root/packages"
+chroot "$root" sh -c 'apt-get update -qq && apt-get install -y -qq --no-install-recommends /packages/*.deb' >"$work/log" 2>&1 || { tail -20 "$work/log"; fail "the .debs do not install"; }
+chroot "$root" sh -c 'mkdir /empty && cd /empty && trocar run probe_on_liver --seconds 0.2 --no-render --set liver.triangles=500 --out /empty/run' || fail "trocar does not run"
+chroot "$root" sh -c "cd /empty && python3 -c '$program'" || fail "the module does not run"
