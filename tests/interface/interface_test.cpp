@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <map>
@@ -250,6 +251,7 @@ TEST(Interface, RefusesStatesThatAreDamagedOrOfAnotherScene) {
 }
 
 TEST(Interface, ErrorsSayWhere) {
+    setenv("TROCAR_SCENES", (source_folder() / "content/scenes").c_str(), 1);
     trocar_world* world = nullptr;
     trocar_scene scene = text_scene("[[body]]\nname = \"a\"\nshape = 5\n");
     scene.file = "mine.toml";

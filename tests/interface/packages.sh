@@ -28,8 +28,12 @@ python3 -m zipfile -e "$folder"/trocar-*.whl "$work/site"
 (cd "$work/empty" && env -u TROCAR_SCENES -u TROCAR_LIBRARY PYTHONPATH="$work/site" python3 -c "$program") || fail "the wheel does not run"
 [ "${2:-}" = chroot ] || exit 0
 root=$work/root
+chroot_run() { chroot "$root" env -u TROCAR_SCENES -u TROCAR_LIBRARY -u PYTHONPATH LC_ALL=C.UTF-8 DEBIAN_FRONTEND=noninteractive sh -c "$1"; }
 debootstrap --variant=minbase bookworm "$root" >"$work/log" 2>&1 || { tail -5 "$work/log"; fail "no bare Debian"; }
-mkdir "$root/packages" && cp "$folder"/*.deb "$root/packages"
-chroot "$root" sh -c 'apt-get update -qq && apt-get install -y -qq --no-install-recommends /packages/*.deb' >"$work/log" 2>&1 || { tail -20 "$work/log"; fail "the .debs do not install"; }
-chroot "$root" sh -c 'mkdir /empty && cd /empty && trocar run probe_on_liver --seconds 0.2 --no-render --set liver.triangles=500 --out /empty/run' || fail "trocar does not run"
-chroot "$root" sh -c "cd /empty && python3 -c '$program'" || fail "the module does not run"
+mkdir "$root/packages" "$root/empty" && cp "$folder"/*.deb "$folder"/*.whl "$root/packages"
+settle() { chroot_run "apt-get update -qq && apt-get install -y -qq --no-install-recommends $1" >"$work/log" 2>&1 || { tail -20 "$work/log"; fail "$1 does not install"; }; }
+settle python3
+chroot_run "mkdir /site && python3 -m zipfile -e /packages/*.whl /site && cd /empty && PYTHONPATH=/site python3 -c '$program'" || fail "the wheel does not run in a bare Debian"
+settle "/packages/*.deb"
+chroot_run "cd /empty && trocar run probe_on_liver --seconds 0.2 --no-render --no-player --set liver.triangles=500 --out /empty/run" || fail "trocar does not run"
+chroot_run "cd /empty && python3 -c '$program'" || fail "the module does not run"

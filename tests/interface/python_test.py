@@ -252,6 +252,45 @@ class Contact(unittest.TestCase):
             trocar.Collider([(points, triangles), (points, triangles)]).move(0, points[:3])
 
 
+@needs_numpy
+class Environments(unittest.TestCase):
+    def test_palpation_finds_the_lump(self):
+        from trocar.envs import Palpation
+
+        env = Palpation(seconds=3, set={"liver.triangles": 1000, "liver.cells": 10})
+
+        def episode(seed):
+            seen, info = env.reset(seed=seed)
+            self.assertEqual((seen.shape, seen.dtype, info), ((9,), np.float32, {}))
+            path = [seen]
+            while True:  # go over the lump, then press
+                over, soft = np.abs(seen[:2]).max() < 0.05, np.linalg.norm(seen[3:6]) < 3
+                seen, reward, done, cut, info = env.step([-3 * seen[0], -3 * seen[1], -1 if over and soft else 0])
+                path.append(seen)
+                if done or cut:
+                    return np.array(path), reward, done, info
+
+        first, reward, done, info = episode(3)
+        self.assertTrue(done)
+        self.assertGreater(reward, 1)
+        self.assertLess(info["away"], 0.012)
+        again = episode(3)[0]
+        np.testing.assert_array_equal(first, again)
+        self.assertFalse(np.array_equal(first[0], episode(4)[0][0]))
+        env.reset(seed=1)
+        cuts = [env.step([0, 0, 0])[3] for _ in range(90)]  # at rest above: cut after three seconds, less what the start took
+        self.assertEqual((cuts[80], cuts[89]), (False, True))
+        try:
+            from gymnasium.utils.env_checker import check_env
+        except ImportError:
+            pass
+        else:
+            check_env(env, skip_render_check=True)
+        env.close()
+        with self.assertRaises(trocar.ClosedError):
+            env.step([0, 0, 0])
+
+
 class Layout(unittest.TestCase):
     def test_structs_are_those_of_c(self):
         sizes = {}

@@ -479,13 +479,16 @@ const CLI::App& asked_command(const CLI::App& app) {
 // What is wrong with the command line, in our words where the parser's are long.
 std::string complaint(const CLI::App& app, const CLI::ParseError& error) {
     const CLI::App& command = asked_command(app);
-    if (dynamic_cast<const CLI::ExtrasError*>(&error)) {
-        for (const std::string& word : app.remaining(true))
+    if (dynamic_cast<const CLI::ExtrasError*>(&error) || dynamic_cast<const CLI::RequiredError*>(&error)) {
+        const std::vector<std::string> rest = app.remaining(true), commands = command_names(command);
+        for (const std::string& word : rest)
             if (word.starts_with("-")) {
                 const std::string name = word.substr(0, word.find('='));
                 return "no option " + name + suggestion(name, option_names(command));
             }
-        for (const std::string& word : app.remaining(true)) return "\"" + word + "\" was not expected";
+        if (!rest.empty() && !commands.empty()) return "no command \"" + rest.front() + "\"" + suggestion(rest.front(), commands);
+        if (!rest.empty()) return "\"" + rest.front() + "\" was not expected";
+        if (!commands.empty()) return "a command is needed";
     }
     const std::string text = error.what();
     std::smatch range;

@@ -34,14 +34,14 @@ class Palpation:
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
-    render_mode = "rgb_array"
     spec = None
 
     _MIDDLE = np.array([0.01, -0.005, 0.06])  # m, above the lump
     _HALF = np.array([0.03, 0.025, 0.02])  # m, of the field
     _SPEED = 0.05  # m/s
 
-    def __init__(self, seconds: float = 10, set: dict[str, Any] | None = None):
+    def __init__(self, seconds: float = 10, set: dict[str, Any] | None = None, render_mode: str | None = None):
+        self.render_mode = render_mode  # "rgb_array": organs have their textures
         self._set, self._seconds, self._sim = dict(set or {}), seconds, None
         self._random = np.random.default_rng()
         self.action_space = _box(-1, 1, (3,))
@@ -58,7 +58,7 @@ class Palpation:
             self._random = np.random.default_rng(seed)
         if self._sim is None:
             extra = {"lump": options["lump"]} if options and "lump" in options else {}
-            self._sim = Sim("palpate", set={**self._set, **extra})
+            self._sim = Sim("palpate", set={**self._set, **extra}, paint=self.render_mode is not None)
             self._start = self._sim.tool().device
         else:
             self._sim.reset()
