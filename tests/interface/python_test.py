@@ -177,6 +177,19 @@ class Worlds(unittest.TestCase):
             self.assertEqual(tuple(picture.shape), (64, 96, 3))
             self.assertGreater(max(bytes(picture)) - min(bytes(picture)), 60)
 
+    def test_a_forked_child_is_told(self):
+        with trocar.Sim(text=SCENE) as sim:
+            sim.step()
+            child = os.fork()
+            if child == 0:
+                try:
+                    sim.step()
+                except trocar.CallError as error:
+                    os._exit(0 if "spawn" in str(error) else 2)
+                os._exit(1)
+            self.assertEqual(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), 0)
+            sim.step()
+
     def test_other_threads_run_during_a_step(self):
         with trocar.Sim(text=SCENE) as sim:
             stop, counted = threading.Event(), [0]
