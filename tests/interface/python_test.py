@@ -239,6 +239,33 @@ class Batches(unittest.TestCase):
             batch.step()
 
 
+    @needs_numpy
+    def test_what_sleeps_in_one_world_is_not_what_sleeps_in_another(self):
+        """Stages skip bodies that sleep as they were seen last: those of another world, where a thread steps several."""
+        scene, moved = SOURCE / "tests/interface/asleep.toml", (0, 0.1)
+
+        def shift(world, x):
+            origin = np.array(world["poses.origin"])
+            origin[1, 0] += x
+            world.put("poses.origin", origin)
+
+        single = [trocar.Sim(scene) for _ in moved]
+        with trocar.Batch(scene, 2, threads=1) as batch:
+            for i, x in enumerate(moved):
+                shift(single[i], x), shift(batch[i], x)
+            slept = False
+            for _ in range(100):
+                batch.step()
+                for sim in single:
+                    sim.step()
+                slept = slept or all(sim["sleep.group"][1] != _c.NONE for sim in single)
+            self.assertTrue(slept)
+            self.assertEqual([world.hash for world in batch], [sim.hash for sim in single])
+        # the probe touched the box of the first world alone
+        self.assertGreater(abs(single[0]["poses.origin"][1, 0]), 0.005)
+        self.assertLess(abs(single[1]["poses.origin"][1, 0] - 0.1), 0.001)
+
+
 class Contact(unittest.TestCase):
     TETRAHEDRON = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
 
