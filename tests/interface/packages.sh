@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Tries packages: packages.sh FOLDER [chroot]. Contents of the .debs; the wheel in a folder of its own runs a scene by name from an
-# empty folder; with `chroot` (root, debootstrap, network) the .debs in a bare Debian 12.
+# empty folder; with `chroot` (root, debootstrap, network) the .debs in a bare Debian 12, which takes minutes.
 set -euo pipefail
 folder=$(realpath "$1")
 work=$(mktemp -d)
@@ -26,6 +26,12 @@ with trocar.Sim("probe_on_liver", set={"liver.triangles": 500}) as sim:
 mkdir "$work/site" "$work/empty"
 python3 -m zipfile -e "$folder"/trocar-*.whl "$work/site"
 (cd "$work/empty" && env -u TROCAR_SCENES -u TROCAR_LIBRARY PYTHONPATH="$work/site" python3 -c "$program") || fail "the wheel does not run"
+# the .debs unpacked: program and module find scenes beside themselves
+mkdir "$work/unpacked"
+for package in "$folder"/*.deb; do dpkg-deb --extract "$package" "$work/unpacked"; done
+unpacked="$work/unpacked/usr"
+(cd "$work/empty" && env -u TROCAR_SCENES "$unpacked/bin/trocar" run probe_on_liver --seconds 0.2 --no-render --no-player --set liver.triangles=500) || fail "trocar does not run"
+(cd "$work/empty" && env -u TROCAR_SCENES -u TROCAR_LIBRARY PYTHONPATH="$unpacked/lib/python3/dist-packages" LD_LIBRARY_PATH="$unpacked/lib" python3 -B -c "$program") || fail "the module does not run"
 [ "${2:-}" = chroot ] || exit 0
 root=$work/root
 chroot_run() { chroot "$root" env -u TROCAR_SCENES -u TROCAR_LIBRARY -u PYTHONPATH LC_ALL=C.UTF-8 DEBIAN_FRONTEND=noninteractive sh -c "$1"; }
@@ -35,5 +41,7 @@ settle() { chroot_run "apt-get update -qq && apt-get install -y -qq --no-install
 settle python3
 chroot_run "mkdir /site && python3 -m zipfile -e /packages/*.whl /site && cd /empty && PYTHONPATH=/site python3 -c '$program'" || fail "the wheel does not run in a bare Debian"
 settle "/packages/*.deb"
+mount -t proc proc "$root/proc"  # as every container has it: the program asks it where it is
+trap 'umount "$root/proc"; rm -rf "$work"' EXIT
 chroot_run "cd /empty && trocar run probe_on_liver --seconds 0.2 --no-render --no-player --set liver.triangles=500 --out /empty/run" || fail "trocar does not run"
 chroot_run "cd /empty && python3 -c '$program'" || fail "the module does not run"
