@@ -16,6 +16,8 @@ usage: ./trocar.sh COMMAND
   fuzz   build with sanitizers, damage every kind of input for 10 minutes each: ./trocar.sh fuzz [MINUTES [ENDING...]];
          or run random scenes and judge their physics: ./trocar.sh fuzz physics [MINUTES [SEED]], findings in out/fuzz/
   bench  build the bench program and run one of its suites: ./trocar.sh bench content [arguments]
+  package  build Debian packages (libtrocar0, libtrocar-dev, trocar, python3-trocar) and a Python wheel into out/packages/ and
+         try them: contents, the wheel in a folder of its own; `package chroot`: also the .debs in a bare Debian made by debootstrap
   build  install what is missing, build
 TXT
 }
@@ -96,6 +98,18 @@ case "${1:-}" in
         run_tests tsan -R 'Live[^r]' -j 1  # not the livers; one at a time: they run against the clock
         step "a live run"
         TSAN_OPTIONS="suppressions=$PWD/tests/races.supp:history_size=7" build/tsan/trocar run probe_on_liver --live --seconds 3 --out out/tsan
+        ;;
+    package)
+        build release trocar trocar_c trocar_wheel trocar_engine trocar_systems trocar_content programs
+        install_packages dpkg-dev python3 file
+        rm -rf out/packages && mkdir -p out/packages
+        step "packing"
+        cpack --config build/release/CPackConfig.cmake -B out/packages/work >out/packages/cpack.log || { cat out/packages/cpack.log; exit 1; }
+        mv out/packages/work/*.deb out/packages/ && rm -r out/packages/work out/packages/cpack.log
+        python3 systems/app/python/make_wheel.py build/release/wheel/libtrocar.so.0 content/scenes out/packages "$(sed -n 's/^project(trocar VERSION \([0-9.]*\).*/\1/p' CMakeLists.txt)"
+        step "trying them"
+        tests/interface/packages.sh out/packages "${2:-}"
+        step "done: out/packages/"
         ;;
     demo)
         build release programs

@@ -11,6 +11,7 @@
 
 #include "bench/haptics/haptics.hpp"
 #include "content/scene/build_scene.hpp"
+#include "content/scene/find_scene.hpp"
 #include "content/scene/scene_file.hpp"
 #include "engine/devices/device.hpp"
 #include "engine/jobs/thread_pool.hpp"

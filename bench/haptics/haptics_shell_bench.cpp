@@ -3,6 +3,7 @@
 
 #include "bench/haptics/haptics.hpp"
 #include "content/scene/build_scene.hpp"
+#include "content/scene/find_scene.hpp"
 #include "content/scene/scene_file.hpp"
 #include "engine/devices/device.hpp"
 #include "engine/geometry/quaternion.hpp"

@@ -10,6 +10,7 @@
 #include "bench/scale/scale.hpp"
 #include "bench/suites.hpp"
 #include "content/scene/build_scene.hpp"
+#include "content/scene/find_scene.hpp"
 #include "engine/jobs/loop_watch.hpp"
 #include "engine/jobs/thread_pool.hpp"
 #include "systems/app/console/commands.hpp"

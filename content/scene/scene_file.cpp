@@ -53,11 +53,8 @@ Camera read_camera(TomlSection section, PictureParams& picture) {
     return camera;
 }
 
-}  // namespace
-
-SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<Override>& overrides) {
+SceneFile read_scene(toml::table root, const std::filesystem::path& path, const std::vector<Override>& overrides) {
     const std::string file = path.string();
-    toml::table root = read_toml(path, "scene");
     for (const Override& o : overrides) apply_override(root, o);
 
     SceneFile scene;
@@ -99,6 +96,15 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
             throw InputError(file + ":" + std::to_string(body.line) + ":1: two bodies are named \"" + body.name + "\"");
     }
     return scene;
+}
+
+}  // namespace
+
+SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<Override>& overrides) {
+    return read_scene(read_toml(path, "scene"), path, overrides);
+}
+SceneFile read_scene_text(const std::string& text, const std::filesystem::path& path, const std::vector<Override>& overrides) {
+    return read_scene(read_toml_text(text, path.string()), path, overrides);
 }
 
 void refuse(const SceneFile& scene, uint32_t line, const std::string& reason) {

@@ -116,7 +116,10 @@ struct Override {
 
 // Reads and checks a scene. Throws InputError "file:line:column: reason"; suggests similar keys for unknown
 // ones.
-SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<Override>& overrides);
+SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<Override>& overrides = {});
+
+// The same for the text of a scene. `path` is what errors call it; files that it names are looked for beside that.
+SceneFile read_scene_text(const std::string& text, const std::filesystem::path& path, const std::vector<Override>& overrides);
 
 // Throws InputError "file:line:1: reason" about a table of the scene, for errors found only by building it.
 [[noreturn]] void refuse(const SceneFile& scene, uint32_t line, const std::string& reason);

@@ -101,15 +101,19 @@ toml::table read_toml(const std::filesystem::path& path, const std::string& what
     if (!stream) throw InputError(file + ": cannot be opened (" + std::string(std::strerror(errno)) + ")");
     std::ostringstream text;
     text << stream.rdbuf();
+    return read_toml_text(text.str(), file);
+}
+
+toml::table read_toml_text(const std::string& text, const std::string& file) {
     try {
-        return toml::parse(text.str(), file);
+        return toml::parse(text, file);
     } catch (const toml::parse_error& e) {
         std::string reason(e.description());  // may quote the input, including line ends
         std::replace_if(
             reason.begin(), reason.end(), [](unsigned char c) { return c < ' '; }, ' ');
         throw InputError(location(file, e.source()) + reason);
     } catch (const ParserIsLost&) {
-        throw InputError(file + ":" + std::to_string(line_of_no_return(text.str(), file)) + ":1: is not TOML");
+        throw InputError(file + ":" + std::to_string(line_of_no_return(text, file)) + ":1: is not TOML");
     }
 }
 

@@ -26,6 +26,9 @@ std::string nearest(std::string_view word, const std::vector<std::string>& known
 // reason".
 toml::table read_toml(const std::filesystem::path& path, const std::string& what);
 
+// The same for a text, which errors call `file`.
+toml::table read_toml_text(const std::string& text, const std::string& file);
+
 // One table being read. It records which keys were read, so that unknown ones can be rejected. A read of an
 // absent key keeps the value; a wrong type or range throws InputError "file:line:column: reason".
 class TomlSection {

@@ -82,6 +82,8 @@ double edge_length(std::span<const Vec3d> position, const std::array<uint32_t, 2
 }
 
 void measure(MeshInfo& info, const MeshView& mesh) {
+    info.box = {};
+    info.radius = info.volume = info.area = info.mean_edge = info.max_edge = 0;
     for (const Vec3d& p : mesh.position) {
         info.box.min = info.box.min.cwiseMin(p);
         info.box.max = info.box.max.cwiseMax(p);
@@ -194,6 +196,11 @@ uint32_t add_prototype(Meshes& meshes, const Mesh& mesh, Admission admission) {
     meshes.info.push_back(info);
     measure(meshes.info[index], mesh_view(meshes, index));
     return index;
+}
+
+void measure_prototype(Meshes& meshes, uint32_t prototype) {
+    TROCAR_ASSERT(prototype < meshes.info.size());
+    measure(meshes.info[prototype], mesh_view(meshes, prototype));
 }
 
 void add_springs(Springs& springs, const Meshes& meshes, uint32_t prototype) {

@@ -11,6 +11,9 @@ namespace trocar {
 // isolated vertex belongs to no piece (kNone). A mesh without material gets the default. Returns its index.
 uint32_t add_prototype(Meshes& meshes, const Mesh& mesh, Admission admission);
 
+// Measures a prototype anew after its positions were changed: box, radius, edges, area, volume.
+void measure_prototype(Meshes& meshes, uint32_t prototype);
+
 // Appends the SELL-16 spring adjacency and vertex areas of a prototype without springs; prototypes skipped
 // get an empty element. Columns are counted over all prototypes: element 16 * slice_column[...] of neighbour.
 // Within a vertex the columns ascend by neighbour. Padding lanes and columns hold the lane's own vertex.

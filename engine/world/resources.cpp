@@ -7,6 +7,7 @@
 #include "engine/base/error.hpp"
 #include "engine/files/capture_file.hpp"
 #include "engine/files/state_hash.hpp"
+#include "engine/world/arrays.hpp"
 #include "engine/world/world.hpp"
 namespace trocar {
 namespace {
@@ -207,6 +208,36 @@ struct Loader {
     }
 };
 
+// Tells where the data of a resource lies.
+struct Lister {
+    static constexpr bool kInMemory = true;
+    void (*visit)(void*, const WorldArray&);
+    void* user;
+    WorldArray found;
+    std::string_view unit;
+    template <typename T>
+    void member(const char* name, const T& v) {
+        if constexpr (is_plain_array<T>) {
+            constexpr Elements e = elements_of<typename T::value_type>();
+            tell(name, e, v.size(), v.data(), found.fixed);
+        } else if constexpr (is_plain_row<T>) {
+            tell(name, elements_of<T>(), 1, &v, true);
+        }
+    }
+    void tell(const char* name, const Elements& e, size_t rows, const void* data, bool fixed) {
+        WorldArray array = found;
+        array.name = name, array.unit = unit, array.type = e.type, array.rows = rows, array.columns = e.columns;
+        array.data = data, array.fixed = fixed;
+        visit(user, array);
+    }
+};
+
+// Tells a visitor that asks for it the unit of the next member.
+template <typename Visitor>
+void set_unit(Visitor& v, std::string_view unit) {
+    if constexpr (requires { v.unit; }) v.unit = unit;
+}
+
 // Name of a member of World in files, as in C++: "springs.fans.first", "solids.corner[0]".
 struct FieldPath {
     std::array<char, 64> text{};
@@ -241,7 +272,10 @@ void visit_member(Visitor& v, const FieldPath& path, T& member) {
 
 template <typename Visitor, typename T>
 void visit_group(Visitor& v, const FieldPath& path, T& group) {
-    each_member(group, [&](const FieldName& field, auto& member) { visit_member(v, path.with(".", field.name), member); });
+    each_member(group, [&](const FieldName& field, auto& member) {
+        set_unit(v, field.unit);
+        visit_member(v, path.with(".", field.name), member);
+    });
 }
 
 // The part of a member of World that belongs to a resource.
@@ -253,14 +287,19 @@ void visit_part(Visitor& v, Resource resource, const FieldPath& path, T& part) {
     } else if constexpr (std::is_same_v<Part, Haptics>) {
         size_t at = 0;
         each_member(part, [&](const FieldName& field, auto& member) {
+            set_unit(v, field.unit);
             if ((at++ < Haptics::kConstantFields) == (resource == Resource::kTools)) visit_member(v, path.with(".", field.name), member);
         });
     } else if constexpr (std::is_same_v<Part, Report>) {
-        each_number(part, kStored, [&](const ReportNumber& n, auto& value) { v.member(path.with(".", n.name).text.data(), value); });
+        each_number(part, kStored, [&](const ReportNumber& n, auto& value) {
+            set_unit(v, n.unit);
+            v.member(path.with(".", n.name).text.data(), value);
+        });
     } else {
+        set_unit(v, "");
         visit_member(v, path, part);
     }
-    if constexpr (std::is_same_v<Part, Clock>) {
+    if constexpr (std::is_same_v<Part, Clock> && !requires { Visitor::kInMemory; }) {
         double unused = 1e-3;  // part of the format and of every hash
         v.member("clock.substep", unused);
     }
@@ -335,6 +374,33 @@ size_t save_resource(const World& world, Resource resource, CaptureRecord& recor
 void load_resource(const CaptureRecord& record, Resource resource, World& world) {
     Loader loader{record, "", {}};
     visit_resource(world, resource, loader);
+}
+
+void each_array(const World& world, void (*visit)(void*, const WorldArray&), void* user) {
+    const bool tears = !world.tears.body.empty();  // they change meshes and springs
+    for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r) {
+        const Resource resource = static_cast<Resource>(r);
+        const bool constant = resource_kind(resource) == ResourceKind::kConstant && resource != Resource::kTools && !tears;
+        Lister lister{visit, user, {}, {}};
+        lister.found.resource = resource;
+        lister.found.fixed = constant || (mask(resource) & mask(Resource::kPoses, Resource::kParticles)) != 0;
+        visit_resource(world, resource, lister);
+    }
+}
+
+std::optional<WorldArray> find_array(const World& world, std::string_view name) {
+    struct Search {
+        std::string_view name;
+        std::optional<WorldArray> found;
+    } search{name, {}};
+    each_array(
+        world,
+        [](void* user, const WorldArray& array) {
+            Search& s = *static_cast<Search*>(user);
+            if (array.name == s.name) s.found = array;
+        },
+        &search);
+    return search.found;
 }
 
 uint64_t state_hash(const World& world) {

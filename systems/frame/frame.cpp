@@ -266,6 +266,12 @@ void Frame::set_contact_hook(const ContactHook& hook) { state_->contact_hook = h
 
 void Frame::run_pass_again() { state_->scratch.sleeping_bodies.next_pass = state_->world.clock.pass; }
 
+void Frame::state_replaced() {
+    FrameState& f = *state_;
+    f.scratch = {};
+    restore_torn_surfaces(f.world.solids, f.world.bodies, f.world.particles, f.world.torn, f.world.meshes, f.world.trees, f.world.tears);
+}
+
 const PictureSnapshot& Frame::snapshot_now() {
     const FloatModeScope ours;
     if (row(S::kSurfaceNormals).wanted(state_->world)) row(S::kSurfaceNormals).stage.run(*state_);

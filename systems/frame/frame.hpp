@@ -123,6 +123,9 @@ class Frame {
     void set_contact_hook(const ContactHook& hook);
     // Call after the world was set back to the start of the last pass: keeps data on its sleeping bodies.
     void run_pass_again();
+    // Call after the state of world() was replaced by that of another time or another world of the same scene: drops all that
+    // the frame remembers of the former one, and restores surfaces that tear.
+    void state_replaced();
     // A picture of the present state, independent of the frame's schedule.
     const PictureSnapshot& snapshot_now();
     // The stages of this frame in serial order, and the position of one of them; kNone if the scene does not

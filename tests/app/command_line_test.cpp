@@ -427,6 +427,11 @@ TEST_F(CommandLine, QueryLosesNoRowAndKnowsTheInsideOfTurnedFaces) {
 TEST_F(CommandLine, WhatCannotBeIsRefusedInOneLine) {
     for (const auto& [arguments, reason] :
          std::vector<std::pair<std::string, std::string>>{{"bogus", "there is no command \"bogus\""},
+                                                          {"runn palpate", "did you mean run?"},
+                                                          {"run palpate --second 1", "no option --second; did you mean --seconds?"},
+                                                          {"run palpat", "did you mean \"palpate\"?"},
+                                                          {"soak palpate --minutes 0", "--minutes: 0 must be more than 0"},
+                                                          {"run palpate --seconds 100ms", "--seconds: \"100ms\" is not a number"},
                                                           {"run probe_on_liver --seconds -1", "--seconds"},
                                                           {"run probe_on_liver --threads 100000", "--threads"},
                                                           {"run probe_on_liver --out x --capture \"\"", "--capture"},

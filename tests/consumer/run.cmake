@@ -17,4 +17,5 @@ run(${CMAKE_COMMAND} -S ${SOURCE} -B ${WORK}/build -DCMAKE_PREFIX_PATH=${WORK}/p
 run(${CMAKE_COMMAND} --build ${WORK}/build)
 run(${WORK}/build/main)
 run(${WORK}/build/example)
+run(${WORK}/build/example_c)
 run(${WORK}/prefix/bin/trocar scenes)

@@ -8,13 +8,13 @@
 #include "engine/base/error.hpp"
 #include "engine/distance/closest_point.hpp"
 #include "engine/files/whole_file.hpp"
-#include "engine/geometry/triangle_triangle.hpp"
 #include "engine/jobs/trace.hpp"
 #include "systems/app/commands/cells_file.hpp"
 #include "systems/app/console/commands.hpp"
 #include "systems/app/console/format.hpp"
 #include "systems/app/console/load_file.hpp"
 #include "systems/app/console/standard_streams.hpp"
+#include "systems/detect/narrow/common_points.hpp"
 #include "systems/detect/narrow/separation.hpp"
 #include "systems/frame/frame.hpp"
 namespace trocar {
@@ -48,19 +48,8 @@ nlohmann::ordered_json witness(const World& w, uint32_t contact) {
     return {{"point", row(w.contacts.point[contact])}, {"closest", row(w.contacts.closest[contact])}};
 }
 
-// Whether the bodies, closed sets, have a common point: exact for the corners where they are placed, whichever features
-// meet. A body inside the other is far deeper than rounding.
 bool share_a_point(const World& w) {
-    const auto corners = [&](uint32_t body, uint32_t triangle) {
-        const Triangle& t = mesh_view(w.meshes, w.bodies.mesh[body]).triangle[triangle];
-        return Corners{vertex_position(surfaces_of(w), body, t[0]), vertex_position(surfaces_of(w), body, t[1]),
-                       vertex_position(surfaces_of(w), body, t[2])};
-    };
-    const auto meet = [&](const std::array<uint32_t, 2>& t) {
-        return meet_triangles(corners(0, t[0]), corners(1, t[1])) != Meeting::kDisjoint;
-    };
-    const double size = std::max(w.meshes.info[w.bodies.mesh[0]].radius, w.meshes.info[w.bodies.mesh[1]].radius);
-    return (!w.penetrations.pair.empty() && w.penetrations.depth[0] > 1e-12 * size) || std::ranges::any_of(w.candidates.triangle, meet);
+    return share_a_point(surfaces_of(w), 0, 1, w.candidates.triangle, w.penetrations.pair.empty() ? 0 : w.penetrations.depth[0]);
 }
 
 // The separation query with b displaced by `move`; restores the world.

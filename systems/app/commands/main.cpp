@@ -1,4 +1,5 @@
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -6,13 +7,16 @@
 #include <memory>
 #include <new>
 #include <numbers>
+#include <regex>
 
+#include "content/scene/find_scene.hpp"
 #include "engine/base/error.hpp"
 #include "engine/files/text_file.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/jobs/thread_pool.hpp"
 #include "systems/app/console/command_pool.hpp"
 #include "systems/app/console/commands.hpp"
+#include "systems/app/console/format.hpp"
 
 namespace {
 using namespace trocar;
@@ -445,6 +449,7 @@ void add_scenes(CLI::App& app, int& code) {
 }
 
 void describe(CLI::App& app, int& code) {
+    app.name("trocar");
     app.description("Trocar: virtual surgery, headless. Contact, penetration depth, deformation, 1 kHz haptics.");
     app.set_version_flag("--version", [] { return version_text(); });
     app.require_subcommand(1);
@@ -452,6 +457,67 @@ void describe(CLI::App& app, int& code) {
     for (const auto add : {add_run, add_check, add_query, add_collide, add_convert, add_view, add_organ, add_soak, add_sweep, add_replay,
                            add_capture, add_device, add_scenes})
         add(app, code);
+}
+
+// Names of the commands, or of the options of one.
+std::vector<std::string> command_names(const CLI::App& app) {
+    std::vector<std::string> names;
+    for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; })) names.push_back(command->get_name());
+    return names;
+}
+std::vector<std::string> option_names(const CLI::App& command) {
+    std::vector<std::string> names;
+    for (const CLI::Option* option : command.get_options())
+        for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+    return names;
+}
+std::string suggestion(const std::string& word, const std::vector<std::string>& known) {
+    const std::string guess = similar_word(word, known);
+    return guess.empty() ? "" : "; did you mean " + guess + "?";
+}
+
+// The command that was asked for, below others: `capture info`.
+const CLI::App& asked_command(const CLI::App& app) {
+    const std::vector<const CLI::App*> inner = app.get_subcommands([](const CLI::App* command) { return command->parsed(); });
+    return inner.empty() ? app : asked_command(*inner.front());
+}
+
+// What is wrong with the command line, in our words where the parser's are long.
+std::string complaint(const CLI::App& app, const CLI::ParseError& error) {
+    const CLI::App& command = asked_command(app);
+    if (dynamic_cast<const CLI::ExtrasError*>(&error) || dynamic_cast<const CLI::RequiredError*>(&error)) {
+        const std::vector<std::string> rest = app.remaining(true), commands = command_names(command);
+        for (const std::string& word : rest)
+            if (word.starts_with("-")) {
+                const std::string name = word.substr(0, word.find('='));
+                return "no option " + name + suggestion(name, option_names(command));
+            }
+        if (!rest.empty() && !commands.empty()) return "no command \"" + rest.front() + "\"" + suggestion(rest.front(), commands);
+        if (!rest.empty()) return "\"" + rest.front() + "\" was not expected";
+        if (!commands.empty()) return "a command is needed";
+    }
+    const std::string text = error.what();
+    std::smatch range;
+    if (std::regex_match(text, range, std::regex("(.*): Value (\\S+) not in range (\\S+) to (\\S+)"))) {
+        const double least = std::strtod(range[3].str().c_str(), nullptr), most = std::strtod(range[4].str().c_str(), nullptr);
+        char* end = nullptr;
+        std::strtod(range[2].str().c_str(), &end);
+        if (*end != 0) return format("%s: \"%s\" is not a number", range[1].str().c_str(), range[2].str().c_str());
+        if (most > 1e300) return format("%s: %s must be more than %g", range[1].str().c_str(), range[2].str().c_str(), least);
+        return format("%s: %s is not from %g to %g", range[1].str().c_str(), range[2].str().c_str(), least, most);
+    }
+    return text;
+}
+
+// `trocar help run` is `trocar run --help`, and `trocar help` is `trocar --help`.
+std::vector<std::string> arguments_of(int argc, char** argv) {
+    std::vector<std::string> words(argv + 1, argv + argc);
+    if (words.empty()) return {"--help"};
+    if (words[0] == "help") {
+        words.erase(words.begin());
+        words.push_back("--help");
+    }
+    return words;
 }
 
 void say_no_memory() { std::fprintf(stderr, "trocar: not enough memory for this: take fewer or coarser bodies, or raise the limit\n"); }
@@ -478,13 +544,20 @@ int main(int argc, char** argv) {
         CLI::App app;
         int code = trocar::kFault;
         describe(app, code);
-        if (argc > 1 && argv[1][0] != '-' &&
-            app.get_subcommands([&](const CLI::App* command) { return command->get_name() == argv[1]; }).empty())
-            throw trocar::InputError(std::string("there is no command \"") + argv[1] + "\"; trocar --help lists them");
+        std::vector<std::string> words = arguments_of(argc, argv);
+        const std::vector<std::string> commands = command_names(app);
+        if (words[0][0] != '-' && std::ranges::find(commands, words[0]) == commands.end())
+            throw trocar::InputError("there is no command \"" + words[0] + "\"" + suggestion(words[0], commands) + "; trocar --help lists them");
+        std::ranges::reverse(words);  // the parser takes them from the end
         try {
-            app.parse(argc, argv);
+            app.parse(std::move(words));
+        } catch (const CLI::Success& e) {
+            app.exit(e);  // --help, --version
+            return trocar::kDone;
         } catch (const CLI::ParseError& e) {
-            return app.exit(e) == 0 ? trocar::kDone : trocar::kUsage;
+            std::string name = "trocar";
+            if (const CLI::App& command = asked_command(app); &command != &app) name += " " + command.get_name();
+            throw trocar::InputError(complaint(app, e) + "; " + name + " --help lists its options");
         }
         return code;
     } catch (const trocar::InputError& e) {

@@ -1,11 +1,10 @@
-#include <algorithm>
-#include <cstdlib>
 #include <nlohmann/json.hpp>
 
+#include "content/scene/find_scene.hpp"
+#include "content/scene/scene_file.hpp"
 #include "content/scene/tissues.hpp"
 #include "content/shapes/shape_library.hpp"
 #include "engine/base/cpu.hpp"
-#include "engine/base/error.hpp"
 #include "engine/distance/closest_point.hpp"
 #include "engine/draw/offscreen.hpp"
 #include "systems/app/console/commands.hpp"
@@ -15,24 +14,9 @@
 namespace trocar {
 namespace fs = std::filesystem;
 
-fs::path scenes_folder() {
-    std::error_code error;
-    // in the source tree during development, beside the program once installed, or from the environment
-    if (const char* given = std::getenv("TROCAR_SCENES")) return given;
-    const fs::path program = fs::read_symlink("/proc/self/exe", error).parent_path();
-    for (const fs::path& candidate : {fs::path("content/scenes"), program / "../../content/scenes", program / "../share/trocar/scenes"})
-        if (fs::is_directory(candidate, error)) return fs::weakly_canonical(candidate, error);
-    return "content/scenes";
-}
-
 int scenes_command(bool json) {
-    const fs::path folder = scenes_folder();
-    std::error_code error;
     std::vector<fs::path> files;
-    for (const fs::directory_entry& entry : fs::directory_iterator(folder, error))
-        if (entry.path().extension() == ".toml") files.push_back(entry.path());
-    if (error) throw InputError(folder.string() + ": " + error.message());
-    std::sort(files.begin(), files.end());
+    for (const std::string& name : built_in_scenes()) files.push_back(scenes_folder() / (name + ".toml"));
     nlohmann::ordered_json rows = nlohmann::ordered_json::array();
     std::string text;
     for (const fs::path& file : files) {

@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "content/scene/build_scene.hpp"
+#include "content/scene/find_scene.hpp"
 #include "engine/base/cpu.hpp"
 #include "engine/files/whole_file.hpp"
 #include "systems/app/capture/capture.hpp"

@@ -9,6 +9,7 @@
 #include <sstream>
 #include <thread>
 
+#include "content/scene/find_scene.hpp"
 #include "content/scene/sweep_file.hpp"
 #include "engine/base/error.hpp"
 #include "engine/files/child_process.hpp"

@@ -167,12 +167,7 @@ struct SweepOptions {
 // Runs every combination of a sweep that has no result yet and merges all results into one table.
 int sweep_command(const SweepOptions& options);
 
-// Path of a scene file, given a path or the name of a built-in scene. Throws InputError.
-std::filesystem::path find_scene(const std::string& name);
 // Processor and kernel version.
 std::string machine_text();
-
-// Folder of the built-in scenes: in the source tree, or the installed one.
-std::filesystem::path scenes_folder();
 
 }  // namespace trocar

@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "content/scene/build_scene.hpp"
+#include "content/scene/find_scene.hpp"
 #include "content/write/save_mesh.hpp"
 #include "engine/base/cpu.hpp"
 #include "engine/base/error.hpp"
@@ -391,14 +392,6 @@ void finish_captures(FrameRecorder& recorder, RunFigures& figures) {
 }
 
 }  // namespace
-
-fs::path find_scene(const std::string& name) {
-    std::error_code error;
-    if (fs::exists(name, error) || name.find('/') != std::string::npos || name.ends_with(".toml")) return name;
-    const fs::path file = scenes_folder() / (name + ".toml");
-    if (!fs::exists(file, error)) throw InputError(name + ": neither a scene file nor a built-in scene (see `trocar scenes`)");
-    return file;
-}
 
 std::string machine_text() {
     std::ifstream cpu("/proc/cpuinfo");

@@ -1,0 +1,3 @@
+#include "systems/app/interface/trocar/trocar.h"
+
+const char* trocar_version(void) { return TROCAR_VERSION; }
