@@ -59,10 +59,10 @@ double contact_error(const CoreBall& ball) { return std::max(0.0, kContactError 
 // Whether a triangle of the model passes over the ball, which was in front of it (side = 1) or behind (-1).
 bool passes(const LocalContactModel& model, size_t triangle, const BallMotion& ball, double side, const PassedSurfacesScratch& scratch) {
     PassingTriangle p;
+    const double beyond_it = model.half_thickness[triangle] > 0 ? 0 : side * ball.beyond;
     for (size_t k = 0; k < 3; ++k) {
         const uint32_t v = model.triangle[triangle][k];
-        const Vec3d from = model.position[v] - side * ball.beyond * scratch.normal[v],
-                    to = scratch.end[v] - side * ball.beyond * scratch.end_normal[v];
+        const Vec3d from = model.position[v] - beyond_it * scratch.normal[v], to = scratch.end[v] - beyond_it * scratch.end_normal[v];
         p.corner[k] = from - ball.from;
         p.way[k] = to - from - (ball.to - ball.from);
         if (!p.corner[k].allFinite() || !p.way[k].allFinite()) return false;
@@ -84,13 +84,16 @@ uint32_t passed_body(const Surfaces& s, const LocalContactModel& model, const Ha
                      std::span<const CoreBall> core, PassedSurfacesScratch& scratch) {
     const Quat& turn = s.poses.orientation[tool.body];
     const Vec3d tip = s.poses.origin[tool.body] + rotate(turn, tool.tip);
+    const bool leaves = state.exit.body != kNone || state.pushed != Vec3d::Zero();
     place_vertices(s, model, std::ranges::any_of(core, [](const CoreBall& ball) { return contact_error(ball) > 0; }), scratch);
     for (const CoreBall& ball : core) {
         const BallMotion motion{model.tip + rotate(model.turn, ball.arm), tip + rotate(turn, ball.arm), contact_error(ball)};
         for (size_t t = 0; t < model.triangle.size(); ++t) {
             const uint32_t body = model.body[t];
-            if (!is_deformable(s.bodies, body) || body == state.pierce.body || body == state.exit.body) continue;
-            if (passes(model, t, motion, 1, scratch) || (model.half_thickness[t] > 0 && passes(model, t, motion, -1, scratch))) return body;
+            if (!is_deformable(s.bodies, body) || body == state.pierce.body || leaves) continue;
+            // a small ball may be behind a closed surface by contact's error, and come back
+            const bool both_sides = model.half_thickness[t] > 0 || motion.beyond == 0;
+            if (passes(model, t, motion, 1, scratch) || (both_sides && passes(model, t, motion, -1, scratch))) return body;
         }
     }
     return kNone;

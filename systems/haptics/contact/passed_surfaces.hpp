@@ -26,10 +26,11 @@ struct PassedSurfacesScratch {
     std::vector<Vec3d> end, normal, end_normal;  // per vertex of a model: at the end of the pass, unit normals
 };
 
-// Counts the surfaces of deformable bodies that went over the centre of a tool's core ball in the pass, from the front to the
-// back, or of sheets from either side, and where a ball is small by 0.2 mm more than its radius: what overlaps less is contact's
-// to resolve. Exact for linear motion between both ends of the pass (first_passing). `begin`: s, of the pass; a model of another
-// one says nothing of it. Not counted: bodies that the tool pierces by intent (pass_through) or that let it go.
+// Counts the surfaces of deformable bodies that went over the centre of a tool's core ball in the pass, from either side: that of
+// a shell that has folded comes from behind. Over balls of less than 0.2 mm only closed surfaces that go on until they are 0.2 mm
+// from its front, from the front: what overlaps less is contact's to resolve. Exact for linear motion between both ends of the
+// pass (first_passing). `begin`: s, of the pass; a model of another one says nothing of it. Not counted: bodies that the tool
+// pierces by intent (pass_through), and while one lets it go.
 void find_passed_surfaces(double begin, const Surfaces& surfaces, std::span<const LocalContactModel> models, const Haptics& haptics,
                           PassedSurfacesScratch& scratch, PassedSurfaces& passed, Report& report);
 
