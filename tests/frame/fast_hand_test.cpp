@@ -5,6 +5,7 @@
 #include <fstream>
 #include <iomanip>
 #include <random>
+#include <sstream>
 
 #include "engine/mesh/surfaces.hpp"
 #include "engine/world/world.hpp"
