@@ -71,6 +71,7 @@ inline constexpr uint8_t kOfRun = kInMetrics | kOnPage;  // counted by the run, 
     ISLAND(kSum, implicit_steps, "", kFigure, "steps of bodies by backward Euler")                                                     \
     ISLAND(kSum, implicit_iterations, "", kFigure, "iterations in all of them")                                                        \
     PASS(kSum, tools_inside, "", kTrouble, "times a tool was found inside a body, which let it go until it was pushed out")            \
+    PASS(kSum, passed_surfaces, "", kTrouble, "times a tool went through the surface of a deformable body")                            \
     PASS(kSum, links, "", kFigure, "springs between bodies that hold now")                                                             \
     ISLAND(kSum, broken_links, "", kEvent, "springs between bodies that broke")                                                        \
     ISLAND(kSum, broken_springs, "", kEvent, "springs that broke or went with removed triangles")                                      \

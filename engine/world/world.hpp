@@ -14,6 +14,7 @@
 #include "components/mesh.hpp"
 #include "components/nodes.hpp"
 #include "components/particles.hpp"
+#include "components/passed_surfaces.hpp"
 #include "components/paths.hpp"
 #include "components/picture.hpp"
 #include "components/report.hpp"
@@ -89,6 +90,7 @@ struct World {
     std::vector<LocalContactModel> local_contact;  // one per tool
     PictureSnapshot picture;
     Energy energy;
+    PassedSurfaces passed_surfaces;
     Report report;
 };
 
@@ -149,7 +151,8 @@ struct CaptureRecord;
     R(kMemoryOrder, memory_order, "memory order", kDerived)                      \
     R(kLoadedConstraints, loaded_constraints, "loaded constraints", kDerived)    \
     R(kHoldingGroups, holding_groups, "holding groups", kDerived)                \
-    R(kSelfCrossings, self_crossings, "self-crossings", kDerived)
+    R(kSelfCrossings, self_crossings, "self-crossings", kDerived)                \
+    R(kPassedSurfaces, passed_surfaces, "passed surfaces", kAccounts)
 
 enum class Resource : uint8_t {
 #define TROCAR_RESOURCE_BIT(bit, ...) bit,

@@ -212,7 +212,21 @@ void Frame::warm_up() {
     state_->world.sleep = sleep_before;
 }
 
-// Runs the pass in rounds while free bodies are fast: each finds contacts and advances its part of the period.
+// Rounds that the rest of a pass takes for what moves fast in it.
+uint32_t Frame::count_rounds_of(uint32_t left) {
+    World& w = state_->world;
+    const double seconds = 1e-3 * left, fall = fall_in_period(w.settings.gravity, seconds), tolerance = w.settings.contact.tolerance;
+    const bool hands = !w.haptics.tool.empty();
+    if (hands) run_stage(row_of(StageId::kDeviceInput));
+    if (hands ? !any_fast_hand(w.haptics.tool, w.devices, w.poses) : !may_need_rounds(surfaces_of(w), fall, tolerance, seconds)) return 1;
+    for (const StageId id :
+         {StageId::kBodyBoxes, StageId::kFastBodies, StageId::kExcludedPairs, StageId::kBoxPairs, StageId::kCandidatePairs})
+        if (const uint32_t stage = row_of(id); stage != kNone) run_stage(stage);
+    if (hands) return count_hand_rounds(surfaces_of(w), w.pairs, w.haptics, w.devices);
+    return count_rounds(surfaces_of(w), w.pairs, w.contact_memory, fall, tolerance, seconds);
+}
+
+// Runs the pass in rounds while free bodies or hands are fast: each finds contacts and advances its part of the period.
 void Frame::run_rounds() {
     World& w = state_->world;
     const uint64_t begin = w.clock.tick, end = begin + w.clock.period;
@@ -221,18 +235,13 @@ void Frame::run_rounds() {
         if (std::exchange(sleepers.round, period) != period) std::ranges::fill(sleepers.seen[kSeenByBoxes], 0);
         w.clock.period = period;
     };
-    const bool divides = row_of(StageId::kCandidatePairs) != kNone && w.haptics.tool.empty() && w.particles.offset.empty();
+    // hands with tissue in lockstep, and free bodies without either
+    const bool tools = !w.haptics.tool.empty(), tissue = !w.particles.offset.empty();
+    const bool divides = row_of(StageId::kCandidatePairs) != kNone && (tools ? tissue && !state_->options.external_ticks : !tissue);
     while (w.clock.tick < end) {
         const auto left = static_cast<uint32_t>(end - w.clock.tick);
-        if (divides) set_period(left);
-        const double fall = fall_in_period(w.settings.gravity, 1e-3 * left), tolerance = w.settings.contact.tolerance;
-        if (divides && left > 1 && may_need_rounds(surfaces_of(w), fall, tolerance, 1e-3 * left)) {
-            for (const StageId id :
-                 {StageId::kBodyBoxes, StageId::kFastBodies, StageId::kExcludedPairs, StageId::kBoxPairs, StageId::kCandidatePairs})
-                if (const uint32_t stage = row_of(id); stage != kNone) run_stage(stage);
-            const uint32_t rounds = count_rounds(surfaces_of(w), w.pairs, w.contact_memory, fall, tolerance, 1e-3 * left);
-            set_period((left + rounds - 1) / rounds);
-        }
+        if (divides && (!tools || sleepers.round != 0)) set_period(left);
+        if (const uint32_t rounds = divides && left > 1 ? count_rounds_of(left) : 1; rounds > 1) set_period((left + rounds - 1) / rounds);
         graphs_->run(false);
         for (const double depth : w.penetrations.depth) state_->times.deepest = std::max(state_->times.deepest, depth);
         w.clock.tick += w.clock.period;

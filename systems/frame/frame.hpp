@@ -53,6 +53,7 @@ enum class StageId : uint8_t {
     kContactHook,
     kHoldingGroups,
     kAdvance,
+    kPassedSurfaces,
     kContactMemory,
     kLinkForces,
     kHandForces,
@@ -114,7 +115,8 @@ class Frame {
     Frame(World world, const FrameOptions& options);
     ~Frame();
     // One contact pass: begin, advance, and end if a picture is due then; in rounds, with contacts found anew in each, while free
-    // bodies are fast and nothing is soft or held (systems/detect/broad/rounds.hpp). Bodies may be added to world()
+    // bodies are fast and nothing is soft or held, or while a hand is fast near something soft and its ticks are the
+    // frame's own (systems/detect/broad/rounds.hpp). Bodies may be added to world()
     // between two passes, with their data (add_body, make_deformable or set_rigid_mass, make_trees): the
     // stages are chosen anew, so stage_names may change, and their energy is added to the initial one. Throws
     // InputError if data is missing or a body was removed; bodies that come and go use an object pool
@@ -145,6 +147,7 @@ class Frame {
  private:
     void take_in_bodies();
     void warm_up();
+    uint32_t count_rounds_of(uint32_t left);
     void run_rounds();
     std::unique_ptr<struct FrameState> state_;
     struct Graphs;

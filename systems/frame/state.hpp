@@ -28,6 +28,7 @@
 #include "systems/detect/narrow/regions.hpp"
 #include "systems/frame/frame.hpp"
 #include "systems/haptics/contact/local_contact_model.hpp"
+#include "systems/haptics/contact/passed_surfaces.hpp"
 #include "systems/haptics/tool.hpp"
 #include "systems/output/deformable_energy.hpp"
 #include "systems/output/self_crossings.hpp"
@@ -79,6 +80,7 @@ struct FrameScratch {
     LocalContactScratch local_contact;
     Poses foreseen;  // of foresee_paths
     AdvanceIslandsScratch advance;
+    PassedSurfacesScratch passed_surfaces;
     std::array<HapticScratch, kMaxTools> haptic;
     SurfaceNormalsScratch normals;
     CrossingFacesScratch crossing_faces;

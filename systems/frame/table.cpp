@@ -125,6 +125,8 @@ void redundant_constraints(World& w, FrameState& f) {
 }
 void warm_start(World& w, FrameState&) { recall_contacts(w.contact_memory, w.memory_order, w.contact_constraints); }
 void islands(World& w, FrameState& f) { find_islands(w.bodies, w.contact_constraints, f.scratch.islands, w.islands, w.joined_bodies); }
+// Number of a local contact model: that of its pass, and in the upper half when in the pass its round began.
+uint64_t model_sequence(const Clock& clock) { return clock.pass + 1 + ((clock.tick - pass_tick(clock.pass, clock.contact_rate)) << 32); }
 void local_contact(World& w, FrameState& f) {
     const Haptics& h = w.haptics;
     w.local_contact.resize(h.tool.size());
@@ -137,7 +139,7 @@ void local_contact(World& w, FrameState& f) {
     for (size_t t = 0; t < h.tool.size(); ++t) {
         const bool in_hand = w.node_state.laid_down.empty() || !w.node_state.laid_down[t];
         publish_local_contact(haptic_params(w.clock.contact_rate), {w.meshes, w.bodies, *poses, w.particles}, w.boxes.box, h.tool[t],
-                              h.state[t], {pass_seconds(w), w.clock.pass + 1, period_seconds(w), in_hand}, f.scratch.local_contact,
+                              h.state[t], {pass_seconds(w), model_sequence(w.clock), period_seconds(w), in_hand}, f.scratch.local_contact,
                               w.local_contact[t], std::span(h.jaw).subspan(h.tool[t].jaws.first, h.tool[t].jaws.count));
     }
 }
@@ -174,9 +176,13 @@ void advance(World& w, FrameState& f) {
     advance_islands(params, inputs, {w.islands, w.sleep, w.node_state}, f.scratch.advance,
                     {w.particles, w.poses, w.contact_constraints, w.haptics.state}, w.energy, w.report, f.times.response_ns);
 }
+void passed_surfaces(World& w, FrameState& f) {
+    find_passed_surfaces(pass_seconds(w), surfaces_of(w), w.local_contact, w.haptics, f.scratch.passed_surfaces, w.passed_surfaces,
+                         w.report);
+}
 void contact_memory(World& w, FrameState&) { remember_contacts(w.contact_constraints, w.contact_memory); }
 void link_forces(World& w, FrameState&) { note_link_forces(period_seconds(w), w.haptics.tool, w.haptics.jaw, w.links, w.haptics.state); }
-void hand_forces(World& w, FrameState& f) { end_hand_pass(period_seconds(w), !f.options.external_ticks, w.haptics); }
+void hand_forces(World& w, FrameState& f) { end_hand_pass(w.clock, !f.options.external_ticks, w.haptics); }
 
 void surface_normals(World& w, FrameState& f) {
     compute_surface_normals(surfaces_of(w), f.scratch.normals, w.normals, sleeping_bodies(f, kSeenByNormals));
@@ -227,6 +233,7 @@ bool any_excluded(const World& w) { return any_pair(w) && (any_tool(w) || !w.nod
 bool any_tool_pair(const World& w) { return any_pair(w) && any_tool(w); }
 bool any_fast(const World& w) { return any_pair(w) && (any_tool(w) || !w.bodies.rigid_mass.empty()); }
 bool any_free_pair(const World& w) { return any_pair(w) && !w.bodies.rigid_mass.empty(); }
+bool any_tool_and_tissue(const World& w) { return any_tool(w) && any_deformable(w); }
 bool any_drive(const World& w) { return any_tool(w) && !w.nodes.drive.empty(); }
 bool anyone_sleeps(const World& w) { return any_energy(w) && w.settings.sleep_speed > 0; }
 
@@ -324,6 +331,8 @@ constexpr FrameStage kStages[] = {
         mask(R::kHoldingGroups)}, any_link},
     {S::kAdvance,         P::kAdvance,  {"advance",         run<stages::advance>,           mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears, R::kNodes, R::kImpactTimes, R::kHoldingGroups),
         mask(R::kPoses, R::kParticles, R::kContactConstraints, R::kToolState, R::kDevices, R::kLinks, R::kTorn, R::kTornSprings, R::kNodeState, R::kEnergy, R::kReport)}, any_mover},
+    {S::kPassedSurfaces,  P::kAdvance,  {"passed surfaces", run<stages::passed_surfaces>,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kLocalContact),
+        mask(R::kPassedSurfaces, R::kReport)}, any_tool_and_tissue},
     {S::kContactMemory,   P::kAdvance,  {"contact memory",  run<stages::contact_memory>,    mask(R::kContactConstraints),
         mask(R::kContactMemory)}, any_mover},
     {S::kLinkForces,      P::kAdvance,  {"link forces",     run<stages::link_forces>,       mask(R::kClock, R::kTools),

@@ -9,7 +9,11 @@
 namespace trocar {
 namespace {
 
-void begin_pass(Haptics& haptics) {
+uint64_t begin_of_pass(const Clock& clock) { return pass_tick(clock.pass, clock.contact_rate); }
+
+// Not between the rounds of a pass: they are its own.
+void begin_pass(const Clock& clock, Haptics& haptics) {
+    if (clock.tick != begin_of_pass(clock)) return;
     for (ToolState& state : haptics.state) state.contact_impulse = state.contact_moment = Vec3d::Zero(), state.grip_moment = 0;
 }
 
@@ -33,7 +37,7 @@ void read_devices(std::span<const Device> devices, uint64_t first_tick, uint32_t
 }
 
 void sample_devices(const Clock& clock, const Paths& paths, Haptics& haptics, DeviceSamples& samples) {
-    begin_pass(haptics);
+    begin_pass(clock, haptics);
     const size_t tools = haptics.tool.size(), per_tool = clock.period + 1;
     std::array<Device, kMaxTools> device;
     for (size_t t = 0; t < tools; ++t) device[t] = device_of(haptics, paths, haptics.tool[t]);
@@ -49,7 +53,7 @@ void sample_devices(const Clock& clock, const Paths& paths, Haptics& haptics, De
 }
 
 void follow_devices(const Clock& clock, Haptics& haptics, std::vector<DeviceState>& last, DeviceSamples& samples) {
-    begin_pass(haptics);
+    begin_pass(clock, haptics);
     const size_t tools = haptics.tool.size(), per_tool = clock.period + 1;
     const double pass = 1.0 / clock.contact_rate;
     const bool known = last.size() == tools;
@@ -74,7 +78,8 @@ void follow_devices(const Clock& clock, Haptics& haptics, std::vector<DeviceStat
     }
 }
 
-void end_hand_pass(double seconds, bool ticked, Haptics& haptics) {
+void end_hand_pass(const Clock& clock, bool ticked, Haptics& haptics) {
+    const double seconds = 1e-3 * static_cast<double>(clock.tick + clock.period - begin_of_pass(clock));
     for (ToolState& state : haptics.state) state.grip_torque = state.grip_moment / seconds;
     if (ticked) sum_tool_counters(haptics);
 }

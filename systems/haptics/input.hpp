@@ -21,7 +21,7 @@ void sample_devices(const Clock& clock, const Paths& paths, Haptics& haptics, De
 // extrapolated from the haptic thread's newest sample, which is stored in `last`.
 void follow_devices(const Clock& clock, Haptics& haptics, std::vector<DeviceState>& last, DeviceSamples& samples);
 
-// At the end of a pass of `seconds`: computes the grip torques of tools and, with `ticked`, sums their tick counters.
-void end_hand_pass(double seconds, bool ticked, Haptics& haptics);
+// At the end of a pass or of a round of it: computes the grip torques of tools and, with `ticked`, sums their tick counters.
+void end_hand_pass(const Clock& clock, bool ticked, Haptics& haptics);
 
 }  // namespace trocar

@@ -116,6 +116,7 @@ void update_proxy(const LocalContactModel& model, const TickSpan& span, const Ha
         return;
     }
     const Vec3d from = state.proxy;
+    const bool was_free = state.contacts == 0;
     const Room room{carried_to, span.travel};
     const bool came_out = carry_proxy(model, span, carried_to, room, scratch, state);
     if (!state.proxy_valid) return;
@@ -128,7 +129,8 @@ void update_proxy(const LocalContactModel& model, const TickSpan& span, const Ha
     }
     state.proxy = s.proxy;
     state.proxy_valid = !s.inside;
-    state.contacts = s.inside ? 0 : s.active;
+    // what was free and did not get to its goal in this tick touches nothing yet
+    state.contacts = s.inside || (was_free && s.unfinished && s.hovers) ? 0 : s.active;
     // hovering around an edge it still counts as touching that body, although no feature is in contact
     if (state.contacts > 0 && !scratch.touched.empty()) state.touched = scratch.near.triangle[scratch.touched.front().near].body;
 }
@@ -182,12 +184,17 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     span.before.follow = compliant_offset(params, model.compliance, last.position, time - span.elapsed);
     span.now.follow = compliant_offset(params, model.compliance, state.device.position, time);
     const Vec3d centre = state.proxy_valid ? carried_position(model, span, state) : proxy_start(model, state).tip;
-    const double own_travel = std::min((state.device.position - centre).norm(), kSlipSpeed * span.elapsed + 2 * device_way) + 10 * kSkin;
+    // what is free keeps up with its device, as far as the model knows the surfaces on the way
+    const bool is_free = state.proxy_valid && state.contacts == 0;
+    const double known = model.reach - tool.tip_radius - segment_distance(centre, model.from, model.to);
+    const double to_device = (state.device.position - centre).norm() + 10 * kSkin;
+    const double own_travel =
+        is_free ? std::min(to_device, std::max(known, 0.0)) : std::min(to_device, kSlipSpeed * span.elapsed + 2 * device_way + 10 * kSkin);
     const double most_travel = span.travel_at(model.fastest);
     span.surface_travel = span.travel_at(fastest_near(model, span.now, tool, centre, own_travel + 3 * most_travel + kNearby));
     span.travel = own_travel + 2 * span.surface_travel;
     // nothing is known beyond the region of the model, which has every surface that a tool there may meet
-    const bool covered = segment_distance(centre, model.from, model.to) + tool.tip_radius + own_travel <= model.reach;
+    const bool covered = own_travel <= known;
     if (covered) {
         const double look_around = !state.proxy_valid ? model.reach : state.surface != model.sequence && state.contacts == 0 ? kSeen : 0;
         const double carried_by = state.proxy_valid ? (centre - state.proxy).norm() : 0;
@@ -196,10 +203,10 @@ void haptic_tick(const HapticParams& params, const LocalContactModel& model, dou
     } else if (state.proxy_valid && state.contacts > 0 && centre != state.proxy) {
         state.anchor.position += centre - state.proxy;  // far out it rides on its surface
         state.proxy = centre;
-    } else {
+    } else if (!is_free) {
         state.proxy_valid = false;
         state.contacts = 0;
-    }
+    }  // else it waits where it is for a model that covers it
     state.surface = model.sequence;
     if (state.contacts == 0) state.touched = kNone, state.sliding = false, state.carried.setZero(), state.anchor = {};
     Vec3d drift = Vec3d::Zero();

@@ -166,6 +166,25 @@ TEST(RunWatch, NamesEnergyFromNowhere) {
     }
 }
 
+// A cube of 4.2 g at rest in space is given a speed: what is less than the tolerance of contacts in a pass, 6 mm/s at 60 Hz, no
+// contact resolves; more than that comes from nowhere. While it falls, its weight times the tolerance is as little.
+TEST(RunWatch, JudgesEnergyByWhatContactsResolve) {
+    const std::string cube = body("cube", "motion = \"free\"\nmass = 0.0042"), still = "gravity = [0, 0, 0]\n";
+    const auto given = [&](const std::string& gravity, double speed) {
+        return watch(gravity + cube, 20, [&](World& world, int pass) {
+            if (pass == 5) world.poses.velocity[0] += Vec3d(speed, 0, 0);
+        });
+    };
+    const double resolved = 1e-4 * 60;
+    for (const double times : {0.2, 0.9, 1.2, 5.0}) {
+        const Watched w = given(still, times * resolved);
+        EXPECT_EQ(w.report.unearned_energy > 0, times > 1) << times << w.warnings;
+    }
+    const double weight = std::sqrt(2 * 9.81 * 1e-4);  // m/s, of a fall by the tolerance
+    EXPECT_EQ(given("gravity = [0, 0, -9.81]\n", 0.9 * weight).report.unearned_energy, 0u);
+    EXPECT_GT(given(still, 0.9 * weight).report.unearned_energy, 0u);
+}
+
 // Moved into a wall by hand and held there: named at the end with the depth of that moment.
 TEST(RunWatch, NamesWhatIsLeftInside) {
     const std::string scene =

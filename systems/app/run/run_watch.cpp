@@ -102,16 +102,19 @@ double step_of(const World& w, uint32_t body) {
 
 double stored(const Energy& e) { return e.kinetic + e.elastic + e.pressure + e.bending + e.links; }
 
-// J, that rounding may give to all that forces move. The place of a particle is a float: its springs, whose frequency is about
-// one over the stable step, are wrong by an ulp of the body's radius.
+// J, that rounding and contacts may give to all that forces move. Contacts leave overlaps up to their tolerance: a weight may lie
+// higher or lower by it, and what moves less than it in a pass moves by an amount that no contact resolves. The place of a particle
+// is a float: its springs, whose frequency is about one over the stable step, are wrong by an ulp of the body's radius.
 double noise_of(const World& w) {
+    const double tolerance = w.settings.contact.tolerance, creep = tolerance * w.clock.contact_rate;
+    const double each = kNoise + tolerance * w.settings.gravity.norm() + 0.5 * creep * creep;  // J/kg
     double noise = 0;
-    for (const RigidMass& free : w.bodies.rigid_mass) noise += kNoise * free.mass;
+    for (const RigidMass& free : w.bodies.rigid_mass) noise += each * free.mass;
     for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) {
         if (!is_deformable(w.bodies, b)) continue;
         const double speed = w.meshes.info[w.bodies.mesh[b]].radius * std::numeric_limits<float>::epsilon() / w.bodies.stable_dt[b];
         for (uint32_t p = w.bodies.particles[b].first; p < w.bodies.particles[b].end(); ++p)
-            if (w.particles.offset[p].w > 0) noise += (kNoise + kSteps * speed * speed) / static_cast<double>(w.particles.offset[p].w);
+            if (w.particles.offset[p].w > 0) noise += (each + kSteps * speed * speed) / static_cast<double>(w.particles.offset[p].w);
     }
     return noise;
 }
@@ -147,6 +150,7 @@ void RunWatch::after_pass(Frame& frame) {
     if (w.clock.pass == 1) look_at_start(w);
     if (w.report.short_steps > 0) look_at_steps(w);
     look_at_tools(w);
+    look_at_passed_surfaces(w);
     look_at_tetrahedra(w);
     look_at_crossings(w);
     follow_overlaps(w);
@@ -176,6 +180,19 @@ void RunWatch::look_at_tools(const World& w) {
         const std::string when = starts ? "" : format(" at %.3f s", static_cast<double>(w.clock.tick) * 1e-3);
         warnings_.push_back(format("the tool \"%s\" %s inside \"%s\"%s, which lets it go until it is pushed out",
                                    name_of(w, w.haptics.tool[t].body), starts ? "starts" : "is", name_of(w, body), when.c_str()));
+    }
+}
+
+// Once per tool.
+void RunWatch::look_at_passed_surfaces(const World& w) {
+    passed_.resize(w.passed_surfaces.times.size());
+    for (size_t t = 0; t < passed_.size(); ++t) {
+        const bool went = w.passed_surfaces.times[t] > 0;
+        if (!went || std::exchange(passed_[t], uint8_t{1})) continue;
+        warnings_.push_back(
+            format("the tool \"%s\" went through the surface of \"%s\" at %.3f s: it moves too far in a pass, or presses harder "
+                   "than the tissue holds",
+                   name_of(w, w.haptics.tool[t].body), name_of(w, w.passed_surfaces.body[t]), static_cast<double>(w.clock.tick) * 1e-3));
     }
 }
 

@@ -41,6 +41,7 @@ class RunWatch {
     void look_at_energy(Frame& frame);
     void warn_of_energy(World& world);
     void look_at_tools(const World& world);
+    void look_at_passed_surfaces(const World& world);
     void look_at_tetrahedra(const World& world);
     void look_at_crossings(const World& world);
     void count_crossings_at_end(World& world);
@@ -56,6 +57,7 @@ class RunWatch {
     double worst_unearned_ = 0;                                // J
     std::string worst_text_;
     std::vector<uint8_t> inverted_;      // per body: warned of
+    std::vector<uint8_t> passed_;        // per tool: warned of
     std::vector<uint32_t> tool_inside_;  // per tool: the body that it is inside, or kNone
     uint64_t inverted_before_ = 0;
     bool short_ = false, unearned_ = false, crossed_ = false;

@@ -93,10 +93,11 @@ void find_ccd_bodies(const FastBodiesInputs& in, std::vector<CcdBody>& ccd_bodie
     const auto& [period, gravity, s, tools, devices, node_state] = in;
     const Poses& poses = s.poses;
     ccd_bodies.clear();
-    const auto add = [&](uint32_t body, const RigidSweep& sweep) {
+    // `way`: m, that a hand goes in the pass, which may begin at rest
+    const auto add = [&](uint32_t body, const RigidSweep& sweep, double way = 0) {
         if (is_off(in.node_state, body)) return;
         const double arm = in.surfaces.meshes.info[in.surfaces.bodies.mesh[body]].radius + sweep.pivot.norm();
-        const double distance = (boxes.speed[body] + in.surfaces.poses.angular_velocity[body].norm() * arm) * in.period;
+        const double distance = std::max(way, (boxes.speed[body] + in.surfaces.poses.angular_velocity[body].norm() * arm) * in.period);
         if (distance > boxes.margin[body] && std::isfinite(distance)) ccd_bodies.push_back({body, sweep});
     };
     for (size_t t = 0; t < tools.size(); ++t) {
@@ -104,7 +105,8 @@ void find_ccd_bodies(const FastBodiesInputs& in, std::vector<CcdBody>& ccd_bodie
         const DeviceState& end = devices.end(t);
         const Vec3d from = poses.origin[tool.body], to = end.position - rotate(end.orientation, tool.tip);
         const Quat& turn = poses.orientation[tool.body];
-        add(tool.body, {Vec3d::Zero(), from, (to - from) / period, turn, rotation_vector(turn, end.orientation) / period});
+        add(tool.body, {Vec3d::Zero(), from, (to - from) / period, turn, rotation_vector(turn, end.orientation) / period},
+            (end.position - devices.start(t).position).norm());
     }
     for (const RigidMass& free : s.bodies.rigid_mass) {
         const uint32_t body = static_cast<uint32_t>(free.body);

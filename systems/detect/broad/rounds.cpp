@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/contact/tool_parts.hpp"
+#include "engine/geometry/quaternion.hpp"
+
 namespace trocar {
 namespace {
 
@@ -39,6 +42,33 @@ double closing_speed(const std::vector<PressedPair>& pressed, uint32_t a, uint32
     return force.norm() > 0 ? std::abs(velocity.dot(force.normalized())) : velocity.norm();
 }
 
+// m, mean half thickness of a body
+double half_thickness(const Surfaces& s, uint32_t body) {
+    const MeshInfo& info = s.meshes.info[s.bodies.mesh[body]];
+    return info.admission == Admission::kSheet || !(info.area > 0) ? 0.5 * s.bodies.thickness[body] : info.volume / info.area;
+}
+
+// Of a hand in the rest of a pass: as its device moves and turns, or as it moves already.
+struct HandWay {
+    double whole = 0;    // m
+    double fastest = 0;  // m/s
+};
+HandWay way_of_hand(const HandTool& tool, size_t index, const DeviceSamples& devices, const Poses& poses) {
+    constexpr double kMillisecond = 1e-3;  // s
+    const uint32_t steps = devices.per_tool - 1;
+    HandWay way;
+    way.fastest = poses.velocity[tool.body].norm();
+    const double coasted = way.fastest * kMillisecond * steps;
+    for (const DeviceState* device = &devices.start(index); device != &devices.end(index); ++device) {
+        const double step = (device[1].position - device[0].position).norm() +
+                            tool.shell_radius * rotation_vector(device[0].orientation, device[1].orientation).norm();
+        way.whole += step;
+        way.fastest = std::max(way.fastest, step / kMillisecond);
+    }
+    way.whole = std::max(way.whole, coasted);
+    return way;
+}
+
 }  // namespace
 
 bool may_need_rounds(const Surfaces& s, double fall, double tolerance, double seconds) {
@@ -64,6 +94,29 @@ uint32_t count_rounds(const Surfaces& s, const BroadPhasePairs& pairs, const Con
     const size_t looks = std::clamp<size_t>(pairs.a.size(), 1, kMostNeighbours / 2 * std::max<size_t>(1, s.bodies.rigid_mass.size()));
     const auto affordable = static_cast<double>(std::max<uint64_t>(1, kMostPairRounds / looks));
     return static_cast<uint32_t>(std::ceil(std::min({most, affordable, 1e3})));
+}
+
+bool any_fast_hand(std::span<const HandTool> tools, const DeviceSamples& devices, const Poses& poses) {
+    for (size_t t = 0; t < tools.size(); ++t)
+        if (way_of_hand(tools[t], t, devices, poses).fastest > HapticParams{}.tool_speed) return true;
+    return false;
+}
+
+uint32_t count_hand_rounds(const Surfaces& s, const BroadPhasePairs& pairs, const Haptics& haptics, const DeviceSamples& devices) {
+    double rounds = 1;
+    for (size_t t = 0; t < haptics.tool.size(); ++t) {
+        const HandTool& tool = haptics.tool[t];
+        const HandWay way = way_of_hand(tool, t, devices, s.poses);
+        if (!(way.fastest > HapticParams{}.tool_speed)) continue;
+        for (size_t i = 0; i < pairs.a.size(); ++i) {
+            uint32_t part = pairs.a[i], other = pairs.b[i];
+            if (is_deformable(s.bodies, part)) std::swap(part, other);
+            if (!is_deformable(s.bodies, other) || !is_part_of_tool(haptics, tool, part)) continue;
+            const double free_way = half_thickness(s, part) + half_thickness(s, other);
+            if (free_way > 0) rounds = std::max(rounds, way.whole / free_way);
+        }
+    }
+    return static_cast<uint32_t>(std::ceil(std::min<double>(rounds, std::max(1u, devices.per_tool - 1))));
 }
 
 uint64_t defer_pairs(const Surfaces& s, uint64_t tick, BroadPhasePairs& pairs) {

@@ -1,5 +1,9 @@
 #pragma once
+#include <span>
+
 #include "components/contacts.hpp"
+#include "components/device.hpp"
+#include "components/haptics.hpp"
 #include "engine/mesh/surfaces.hpp"
 namespace trocar {
 
@@ -20,6 +24,14 @@ bool may_need_rounds(const Surfaces& surfaces, double fall, double tolerance, do
 // velocity counts; of a pair that presses already (`pressed`: the contacts of the preceding round) only what closes it or turns.
 uint32_t count_rounds(const Surfaces& surfaces, const BroadPhasePairs& pairs, const ContactMemory& pressed, double fall, double tolerance,
                       double seconds);
+
+// Whether a hand goes faster than passes are made for, HapticParams::tool_speed, on the way of its device or by itself.
+bool any_fast_hand(std::span<const HandTool> tools, const DeviceSamples& devices, const Poses& poses);
+
+// Rounds of at least 1 ms after which a hand that is fast and may meet tissue has gone no farther than the mean half thicknesses of
+// both together: so far into it contacts are found on the side from which it came. (Bodies' volume over area; half of a sheet's
+// thickness.) Rounds of 1 ms allow what a scene of a contact rate of 1 kHz would.
+uint32_t count_hand_rounds(const Surfaces& surfaces, const BroadPhasePairs& pairs, const Haptics& haptics, const DeviceSamples& devices);
 
 // Leaves out pairs of moving rigid bodies beyond kMostNeighbours, others at another tick. Returns how many.
 uint64_t defer_pairs(const Surfaces& surfaces, uint64_t tick, BroadPhasePairs& pairs);

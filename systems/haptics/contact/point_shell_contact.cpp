@@ -501,7 +501,8 @@ void slew_command(const HapticParams& params, const HandTool& tool, const TickCh
 Iteration search_and_move(const LocalContactModel& model, const HandTool& tool, const Span& span, const Pose& pose, PointShellScratch& s,
                           ToolState& state) {
     if (!covers(model, tool, pose, span.now, kBand + std::max(0.0, model.compliance.gap))) {
-        state.proxy_valid = false;
+        // what is free waits for a model that covers it
+        if (!state.contact.empty()) state.proxy_valid = false;
         state.contact.clear();
         s.plane.clear();
         return Iteration::kDone;

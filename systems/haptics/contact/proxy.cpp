@@ -377,7 +377,10 @@ ProxySearch find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, 
     ProxySearch s;
     s.proxy = start;
     for (uint32_t k = 0; k < kSteps; ++k) {
-        if (k >= 1 && scratch.near.asked > kMostAsked) break;
+        if (k >= 1 && scratch.near.asked > kMostAsked) {
+            s.unfinished = true;
+            break;
+        }
         const Planes& planes = gather_planes(s.proxy, scratch);
         if (planes.inside && !was_outside) {
             s.inside = true;
@@ -401,11 +404,13 @@ ProxySearch find_proxy(const Vec3d& start, const Vec3d& goal, const Room& room, 
         if (step.squaredNorm() <= kConverged * kConverged) break;
         const double share = share_within(s.proxy, step, room.origin, room.travel);
         step *= share;
+        s.unfinished = share < 1;
         s.proxy += sweep(s.proxy, step, scratch) * step;
         if (share < 1 && step.squaredNorm() <= kConverged * kConverged) break;
     }
     // after a step cut at a convex edge, it may hover over the surface between it and the goal
-    if (s.active == 0 && (goal - s.proxy).squaredNorm() > kConverged * kConverged) s.active = 1;
+    s.hovers = s.active == 0 && (goal - s.proxy).squaredNorm() > kConverged * kConverged;
+    if (s.hovers) s.active = 1;
     return s;
 }
 

@@ -55,9 +55,11 @@ Exit nearest_exit(const Vec3d& centre, double most, HapticScratch& scratch);
 
 struct ProxySearch {
     Vec3d proxy = Vec3d::Zero();
-    uint32_t active = 0;  // constraining planes
-    bool inside = false;  // inside tissue, and not known to have been outside
-    bool left = false;    // stopped early, see leave_crowd
+    uint32_t active = 0;      // constraining planes
+    bool inside = false;      // inside tissue, and not known to have been outside
+    bool left = false;        // stopped early, see leave_crowd
+    bool hovers = false;      // it is short of the goal without constraining planes
+    bool unfinished = false;  // the room or the work of a tick ended before the goal
 };
 
 // Region covered by the gathered triangles: the proxy may move there in this tick; the rest of a longer

@@ -35,13 +35,8 @@ void for_roots(const Cubic& c, const Visit& visit) {
     }
 }
 
-// Corners of a triangle relative to a point, and their displacement.
-struct Passing {
-    std::array<Vec3d, 3> corner, way;
-};
-
 // Six times the volume between the point and the triangle, positive in front of it, over the motion.
-Cubic volume_over_time(const Passing& p) {
+Cubic volume_over_time(const PassingTriangle& p) {
     const Vec3d q = -p.corner[0], dq = -p.way[0], u = p.corner[1] - p.corner[0], du = p.way[1] - p.way[0], v = p.corner[2] - p.corner[0],
                 dv = p.way[2] - p.way[0];
     const Vec3d n = u.cross(v), dn = u.cross(dv) + du.cross(v), ddn = du.cross(dv);
@@ -49,6 +44,19 @@ Cubic volume_over_time(const Passing& p) {
 }
 
 }  // namespace
+
+PassingTime first_passing(const PassingTriangle& p, bool from_behind, double before) {
+    PassingTime first;
+    for_roots(volume_over_time(p), [&](double time, bool falls) {
+        if (time >= before || !(falls || from_behind)) return time >= before;
+        const std::array<Vec3d, 3> corner{p.corner[0] + time * p.way[0], p.corner[1] + time * p.way[1], p.corner[2] + time * p.way[2]};
+        const TrianglePoint q = closest_point_on_triangle(Vec3d::Zero(), corner[0], corner[1], corner[2]);
+        if (q.squared_distance > kOnTriangle * kOnTriangle) return false;
+        first = {time, weights_at(corner, q.offset), falls ? 1.0 : -1.0};
+        return true;
+    });
+    return first;
+}
 
 SurfaceCrossing first_crossing(const SurfaceTime& before, const Vec3d& from, const Vec3d& to, double travel, NearSurface& near) {
     go_to(to, near);
@@ -59,21 +67,15 @@ SurfaceCrossing first_crossing(const SurfaceTime& before, const Vec3d& from, con
     for (const TriangleAhead& one : near.ahead) {
         const uint32_t index = ask_for(near, one.triangle);
         const NearTriangle& triangle = near.triangle[index];
-        Passing p;
+        PassingTriangle p;
         for (size_t k = 0; k < 3; ++k) {
             Vec3d went = (near.time.age - before.age) * model.velocity[vertices_of(near, index)[k]];
             if (triangle.body == model.compliance.body) went += near.time.follow - before.follow;
             p.corner[k] = triangle.corner[k] - went - from;
             p.way[k] = went - (to - from);
         }
-        for_roots(volume_over_time(p), [&](double time, bool falls) {
-            if (time >= first.time || !(falls || triangle.sheet)) return time >= first.time;
-            const std::array<Vec3d, 3> corner{p.corner[0] + time * p.way[0], p.corner[1] + time * p.way[1], p.corner[2] + time * p.way[2]};
-            const TrianglePoint q = closest_point_on_triangle(Vec3d::Zero(), corner[0], corner[1], corner[2]);
-            if (q.squared_distance > kOnTriangle * kOnTriangle) return false;
-            first = {index, time, weights_at(corner, q.offset), falls ? 1.0 : -1.0};
-            return true;
-        });
+        const PassingTime at = first_passing(p, triangle.sheet, first.time);
+        if (at.side != 0) first = {index, at.time, at.weight, at.side};
     }
     return first;
 }

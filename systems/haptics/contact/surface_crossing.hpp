@@ -1,6 +1,22 @@
 #pragma once
+#include <array>
+
 #include "systems/haptics/contact/near_surface.hpp"
 namespace trocar {
+
+// Corners of a triangle relative to a point (m), and their displacement (m) relative to that of the point, both linear in time.
+struct PassingTriangle {
+    std::array<Vec3d, 3> corner, way;
+};
+// When a triangle passes over the point.
+struct PassingTime {
+    double time = 1;               // fraction of the motion
+    Vec3d weight = Vec3d::Zero();  // barycentric
+    double side = 0;               // on which the point was: 1 = that of the triangle's normal, or -1; 0: it does not pass
+};
+// The first passage before the fraction `before`, from the front of the triangle or, if `from_behind`, from either side: roots
+// of the volume between them, which is cubic in time.
+PassingTime first_passing(const PassingTriangle& triangle, bool from_behind, double before);
 
 // Passage of a moving surface over a moving point.
 struct SurfaceCrossing {
