@@ -24,6 +24,9 @@ struct RunOptions {
     std::filesystem::path replay;      // recording of a live run to repeat in lockstep; empty = none
     bool render = true;
     bool player = true;         // embed the 3D player in report.html
+    bool exercise = true;       // write exercise.json and exercise.csv of a scene with tools
+    uint32_t width = 0, height = 0;  // of pictures; 0 = the scene's
+    std::string expected_hash;  // sixteen hexadecimal digits: another final state means exit code 1; empty = any
     uint32_t threads = 0;       // 0 = all cores
     bool figures_only = false;  // write only metrics.json and passes.csv
     uint32_t export_every = 0;  // write every body as OBJ with every n-th picture; 0 = only at the end
@@ -165,6 +168,33 @@ struct SweepOptions {
 };
 // Runs every combination of a sweep that has no result yet and merges all results into one table.
 int sweep_command(const SweepOptions& options);
+
+// How metrics are computed (systems/app/station/score.hpp).
+struct ScoreSettings {
+    double idle_speed = 0.01;          // m/s
+    double idle_time = 0.5;            // s
+    std::vector<std::string> damage;   // ORGAN=N
+};
+struct ScoreCommandOptions {
+    std::vector<std::string> runs;  // folders, or files, see read_run
+    ScoreSettings settings;
+    bool json = false;
+};
+int score_command(const ScoreCommandOptions& options);
+
+struct CompareOptions {
+    std::vector<std::string> runs;
+    std::filesystem::path cohort, out;  // CSV; HTML: empty = print
+    ScoreSettings settings;
+    bool json = false;
+};
+int compare_command(const CompareOptions& options);
+
+struct ExerciseOptions {
+    std::string run;
+    std::filesystem::path mcap, csv;  // empty = not written
+};
+int exercise_command(const ExerciseOptions& options);
 
 // Path of a scene file, given a path or the name of a built-in scene. Throws InputError.
 std::filesystem::path find_scene(const std::string& name);

@@ -271,4 +271,16 @@ std::string passes_csv(const RunFigures& f) {
     return out;
 }
 
+std::string stages_csv(const RunFigures& f) {
+    std::string out = "time_s";
+    for (const StageFigures& s : f.stage) out += "," + csv_field(s.name + "_ms");
+    out += "\n";
+    for (size_t i = 0; i < std::min(f.pass.size(), f.pass_stage_ms.size()); ++i) {
+        out += format("%.3f", f.pass[i].time);
+        for (const float ms : f.pass_stage_ms[i]) out += format(",%.5g", static_cast<double>(ms));
+        out += "\n";
+    }
+    return out;
+}
+
 }  // namespace trocar

@@ -125,9 +125,11 @@ std::string contact_section(const ContactColumns& c) {
 
 std::string force_note(const RunFigures& f) {
     return std::string(
-               "To the hand: force command to the device at the end of the pass. Of the tissue on the tool: mean of "
-               "the contact impulses over the pass.") +
-           (f.max_force > 0 ? " Largest " + format("%.2f N", f.max_force) + "." : "");
+               "On the hand: what the device is commanded at the end of the pass, within its limits. Of the tissue on the tool: contacts "
+               "and links, mean over the pass.") +
+           (f.max_force > 0 ? " Largest on a hand in any tick " + format("%.2f N", f.max_force) +
+                                  (f.max_force_wanted > f.max_force * (1 + 1e-9) ? format("; %.2f N were asked for before limits.", f.max_force_wanted) : ".")
+                            : "");
 }
 
 std::string time_section(const RunFigures& f) {
@@ -153,7 +155,7 @@ std::string time_section(const RunFigures& f) {
         cards += card(svg_plot({"Force",
                                 time,
                                 "N",
-                                {{"to the hand", t, passes(&PassFigures::force)},
+                                {{"on the hand", t, passes(&PassFigures::force)},
                                  {"of the tissue on the tool", t, passes(&PassFigures::contact_force)}}}),
                       force_note(f));
     cards += card(svg_plot({"Energy",
@@ -203,8 +205,8 @@ std::string node_section(const RunFigures& f) {
                                  of(NodeEventKind::kLimit) + " times.");
         if (f.ticks > 0)
             cards +=
-                card(svg_plot({f.drive[row].body + ": force to the hand", unit, "N", {{"at the end of a pass", coordinate, force, true}}}),
-                     "Largest force command of all tools at that coordinate, whatever they touched.");
+                card(svg_plot({f.drive[row].body + ": force on the hand", unit, "N", {{"at the end of a pass", coordinate, force, true}}}),
+                     "Largest force on a hand at that coordinate, whatever they touched.");
     }
     return cards.empty() ? "" : section("Buttons, sliders, dials", "", grid(cards));
 }
@@ -282,7 +284,7 @@ std::string html_page(const std::string& title, const std::string& body) {
 
 std::string report_html(const RunFigures& f, const ReportMedia& media) {
     const ContactColumns c = contact_columns(f);
-    return html_page(f.scene, head(f, c) + media.player + media_sections(media) + contact_section(c) + time_section(f) + node_section(f) +
+    return html_page(f.scene, head(f, c) + media.player + media_sections(media) + media.score + contact_section(c) + time_section(f) + node_section(f) +
                                   stage_section(f) + cost_sections(f, media) + haptics_section(f) + trouble_section(f.report));
 }
 
