@@ -138,9 +138,9 @@ class FrameRecorder {
         std::string file;
     };
     void keep_over(const CaptureStep& step);
-    uint64_t over_ = 0;                  // passes over the limit so far
-    std::vector<OverPass> over_worst_;   // that have a file
-    uint32_t lost_ = 0;                  // captures written so far
+    uint64_t over_ = 0;                 // passes over the limit so far
+    std::vector<OverPass> over_worst_;  // that have a file
+    uint32_t lost_ = 0;                 // captures written so far
     Report report_;
     std::vector<OpenRange> open_ranges_;
     std::vector<std::string> notes_;

@@ -124,7 +124,8 @@ void add_run(CLI::App& app, int& code) {
         ->excludes(seconds);
     run->add_option("--capture", o->capture,
                     "Write captures/*.cap into the folder for: 5-25 (contact passes), worst, over=33 (ms), nan, counter=NAME, "
-                    "usr1; several joined by commas. worst and over ignore the first eight passes, over keeps the worst ten, nan the first ten; read "
+                    "usr1; several joined by commas. worst and over ignore the first eight passes, over keeps the worst ten, nan the first "
+                    "ten; read "
                     "them with `trocar capture` and `trocar replay`")
         ->check(CLI::Validator([](const std::string& text) { return std::string(text.empty() ? "it is empty" : ""); }, "TRIGGERS"));
     run->add_flag("--figures-only", o->figures_only, "Write only metrics.json and passes.csv");
@@ -133,7 +134,8 @@ void add_run(CLI::App& app, int& code) {
     run->add_flag_callback(
         "--no-exercise", [o] { o->exercise = false; }, "Write no exercise.json and exercise.csv of a scene with tools");
     run->add_option_function<std::string>(
-        "--size", [o](const std::string& text) { parse_size(text, o->width, o->height); }, "Of pictures and film: WIDTHxHEIGHT (default 640x480)");
+        "--size", [o](const std::string& text) { parse_size(text, o->width, o->height); },
+        "Of pictures and film: WIDTHxHEIGHT (default 640x480)");
     run->add_option_function<std::string>(
         "--expect-hash", [o](const std::string& text) { o->expected_hash = parse_hash(text); },
         "State hash, 16 hexadecimal digits, as metrics.json has it: exit code 1 when that of the final state differs");
@@ -371,11 +373,24 @@ void add_replay(CLI::App& app, int& code) {
         ->needs(frame);
     replay->add_option("--trace", o->trace, "File to write a trace of the repetitions to")->needs(frame);
     add_threads(replay, o->threads);
-    replay->add_flag("--json", o->json, "JSON");
+    CLI::Option* json = replay->add_flag("--json", o->json, "JSON");
+    const auto take = [o](const std::vector<std::string>& texts) {
+        for (const std::string& text : texts) o->changes.push_back(parse_override(text));
+    };
+    CLI::Option* set =
+        replay
+            ->add_option_function<std::vector<std::string>>(
+                "--set", take,
+                "What if: replay with KEY=VALUE changed and show what comes of it beside what was recorded; repeatable: gravity, "
+                "substep, sleep_speed, sleep_after, keys of [contact] but rate, BODY.tissue.friction, .damping, .restitution")
+            ->excludes(frame)
+            ->excludes(json);
+    replay->add_option("--csv", o->csv, "With --set: file with one line per pass, recorded and changed")->needs(set);
     run_with(replay, code, o, replay_command);
     replay->footer(
         "Example: trocar replay out/captures/worst.cap\n"
         "         trocar replay out/captures/worst.cap --frame 61 --repeat 200\n"
+        "         trocar replay out/captures/worst.cap --set contact.iterations=8 --set liver.tissue.friction=0.3\n"
         "Exit code 1 unless the result is bit-identical; names the first different pass, stage, array and row (with --frame: only\n"
         "whether the pass ends as captured). Also 1 if the capture is incomplete: its readable part is compared.");
 }
@@ -417,21 +432,25 @@ void add_capture(CLI::App& app, int& code) {
 void add_score_settings(CLI::App* command, ScoreSettings& settings) {
     command->add_option("--idle-speed", settings.idle_speed, "m/s: a slower tool is idle (default 0.01) ...")->check(CLI::PositiveNumber);
     command->add_option("--idle-time", settings.idle_time, "s: ... if it lasts (default 0.5)")->check(CLI::NonNegativeNumber);
-    command->add_option("--damage", settings.damage, "ORGAN=N: force above which that organ is damaged; repeatable")->allow_extra_args(false);
+    command->add_option("--damage", settings.damage, "ORGAN=N: force above which that organ is damaged; repeatable")
+        ->allow_extra_args(false);
 }
 
 std::string metric_list() {
     std::string text = "Metrics, smoothed to 10 Hz where they are of motion (definitions and sources: docs/station.md):\n";
-    for (const MetricText& m : tool_metrics()) text += "  " + std::string(m.key) + (*m.unit ? std::string(", ") + m.unit : "") + ": " + m.text + "\n";
+    for (const MetricText& m : tool_metrics())
+        text += "  " + std::string(m.key) + (*m.unit ? std::string(", ") + m.unit : "") + ": " + m.text + "\n";
     text += "Of each organ that a tool touched or held:\n";
-    for (const MetricText& m : organ_metrics()) text += "  " + std::string(m.key) + (*m.unit ? std::string(", ") + m.unit : "") + ": " + m.text + "\n";
+    for (const MetricText& m : organ_metrics())
+        text += "  " + std::string(m.key) + (*m.unit ? std::string(", ") + m.unit : "") + ": " + m.text + "\n";
     return text;
 }
 
 void add_score(CLI::App& app, int& code) {
     const auto o = std::make_shared<ScoreCommandOptions>();
     CLI::App* score = app.add_subcommand("score", "Metrics of motion and force of runs with tools, from any recording");
-    score->add_option("runs", o->runs, "Folders of runs; or exercise.csv, tools.csv (older runs), live.recording (the device's own space)")->required();
+    score->add_option("runs", o->runs, "Folders of runs; or exercise.csv, tools.csv (older runs), live.recording (the device's own space)")
+        ->required();
     add_score_settings(score, o->settings);
     score->add_flag("--json", o->json, "JSON; of several runs, one line each");
     run_with(score, code, o, score_command);
@@ -440,7 +459,8 @@ void add_score(CLI::App& app, int& code) {
 
 void add_compare(CLI::App& app, int& code) {
     const auto o = std::make_shared<CompareOptions>();
-    CLI::App* compare = app.add_subcommand("compare", "Runs beside each other: metrics, curves on one axis, cohort statistics, times of stages");
+    CLI::App* compare =
+        app.add_subcommand("compare", "Runs beside each other: metrics, curves on one axis, cohort statistics, times of stages");
     compare->add_option("runs", o->runs, "Folders of runs or their recordings, as for `trocar score`");
     compare->add_option("--cohort", o->cohort, "CSV with the columns run (path, relative to it) and any of group, subject, trial");
     compare->add_option("--out", o->out, "HTML page to write; it needs no other file");
@@ -450,7 +470,8 @@ void add_compare(CLI::App& app, int& code) {
     compare->footer(
         "Example: trocar compare out/before out/after --out out/compare.html\n"
         "         trocar compare --cohort study.csv --out out/study.html\n"
-        "Two folders: also their times, stage by stage, with a test (Wilcoxon signed-rank over 20 blocks of passes, Holm). Two groups: AUC\n"
+        "Two folders: also their times, stage by stage, with a test (Wilcoxon signed-rank over 20 blocks of passes, Holm). Two groups: "
+        "AUC\n"
         "with a bootstrap interval. Subjects with the same trials: ICC(2,1). Trials: learning curves. Runs are aligned by the events that\n"
         "begin phases, then by dynamic time warping on tip position and force. docs/station.md");
 }

@@ -18,7 +18,9 @@ Exercise read_run(const fs::path& run) {
     }
     const std::string name = file.filename().string();
     const std::string start = name.ends_with(".csv") ? read_text_file(file).substr(0, 4096) : "";
-    Exercise e = start.empty() ? read_recorded_exercise(file) : start.find("device_x_m") < start.find('\n') ? read_tools_csv(file) : read_exercise_csv(file);
+    Exercise e = start.empty()                                 ? read_recorded_exercise(file)
+                 : start.find("device_x_m") < start.find('\n') ? read_tools_csv(file)
+                                                               : read_exercise_csv(file);
     if (e.scene.empty()) read_scene_name(file.parent_path(), e);
     if (e.sample.empty()) throw InputError(file.string() + ": holds no sample");
     return e;

@@ -21,7 +21,8 @@ ScoreOptions score_options(const ScoreSettings& s) {
         const size_t equals = text.rfind('=');
         char* end = nullptr;
         const double force = equals == std::string::npos ? 0 : std::strtod(text.c_str() + equals + 1, &end);
-        if (equals == 0 || !(force > 0) || *end != '\0') throw InputError("--damage " + text + ": write ORGAN=N, for example --damage liver=4.5");
+        if (equals == 0 || !(force > 0) || *end != '\0')
+            throw InputError("--damage " + text + ": write ORGAN=N, for example --damage liver=4.5");
         options.damage[text.substr(0, equals)] = force;
     }
     return options;
@@ -49,7 +50,9 @@ int score_command(const ScoreCommandOptions& o) {
         const Exercise e = read_run(run);
         const Score score = score_exercise(e, options);
         // one JSON object a line, so that several runs stay readable for programs
-        write_standard_output(o.json ? (o.runs.size() > 1 ? nlohmann::ordered_json::parse(score_json(e, score)).dump() + "\n" : score_json(e, score)) : score_text(e, score));
+        write_standard_output(
+            o.json ? (o.runs.size() > 1 ? nlohmann::ordered_json::parse(score_json(e, score)).dump() + "\n" : score_json(e, score))
+                   : score_text(e, score));
     }
     return kDone;
 }
@@ -84,9 +87,12 @@ int compare_command(const CompareOptions& o) {
     const Cohort cohort = summarise_cohort(runs);
     if (!without.empty()) std::fprintf(stderr, "trocar: note: only times are compared: %s\n", without.c_str());
     if (!o.out.empty()) write_whole_file(o.out, comparison_html(runs, cohort, alignments, stages));
-    if (o.json) write_standard_output(comparison_json(runs, cohort, alignments, stages));
-    else if (o.out.empty()) write_standard_output(comparison_text(runs, alignments, stages));
-    else write_standard_output("wrote " + o.out.string() + format(": %zu runs, %zu stages\n", runs.size(), stages.size()));
+    if (o.json)
+        write_standard_output(comparison_json(runs, cohort, alignments, stages));
+    else if (o.out.empty())
+        write_standard_output(comparison_text(runs, alignments, stages));
+    else
+        write_standard_output("wrote " + o.out.string() + format(": %zu runs, %zu stages\n", runs.size(), stages.size()));
     return kDone;
 }
 

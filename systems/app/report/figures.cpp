@@ -212,6 +212,7 @@ std::string metrics_json(const RunFigures& f) {
     }
     j["contact"] = {{"events", c.total.size()},
                     {"max_depth_m", max_depth},
+                    {"left_m", overlap_left(f)},
                     {"max_inside_vertices", quantile(c.inside, 1)},
                     {"total_ms_mean", mean(c.total)},
                     {"total_ms_p99", quantile(c.total, 0.99)},
@@ -269,6 +270,13 @@ std::string passes_csv(const RunFigures& f) {
         out += "\n";
     }
     return out;
+}
+
+double overlap_left(const RunFigures& f) {
+    double left = 0;
+    for (size_t k = f.pass.size() - std::min(f.pass.size(), std::max<size_t>(1, f.pass.size() / 10)); k < f.pass.size(); ++k)
+        left = std::max(left, f.pass[k].depth);
+    return left;
 }
 
 std::string stages_csv(const RunFigures& f) {

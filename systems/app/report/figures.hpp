@@ -155,6 +155,10 @@ struct ContactColumns {
 };
 ContactColumns contact_columns(const RunFigures& figures);
 
+// m, deepest overlap that the last tenth of the passes found, each at its start: what contact has not parted. Unlike the residual at the
+// end of a pass, which is measured against the planes of its constraints, it is that of the surfaces.
+double overlap_left(const RunFigures& figures);
+
 // Sixteen hexadecimal digits.
 std::string state_hash_text(const RunFigures& figures);
 

@@ -31,8 +31,8 @@ struct RunParts {
     PictureWriter* pictures;  // may be null
     FrameRecorder* recorder;  // of captures; may be null
     RunFigures& figures;
-    RunWatch* watch = nullptr;         // may be null
-    PlayerRecorder* player = nullptr;  // may be null
+    RunWatch* watch = nullptr;             // may be null
+    PlayerRecorder* player = nullptr;      // may be null
     ExerciseRecorder* exercise = nullptr;  // may be null
 };
 

@@ -17,7 +17,8 @@ Exercise read_recorded_exercise(const std::filesystem::path& file) {
         if (!(tick.time > last[tick.tool]) || !d.position.allFinite()) continue;
         last[tick.tool] = tick.time;
         ExerciseSample s;
-        s.time = tick.time, s.tool = tick.tool, s.tip = s.proxy = d.position, s.turn = d.orientation, s.grip = d.grip, s.buttons = d.buttons;
+        s.time = tick.time, s.tool = tick.tool, s.tip = s.proxy = d.position, s.turn = d.orientation, s.grip = d.grip,
+        s.buttons = d.buttons;
         s.hand = tick.force, s.torque = tick.torque, s.hand_peak = tick.force.norm();
         s.contacts = s.hand_peak > 0;
         e.sample.push_back(s);

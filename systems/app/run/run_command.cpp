@@ -238,10 +238,11 @@ std::string scale_text(const RunFigures& f) {
     all += format(
         "  %llu movable bodies, %.0f awake on average, %u at the end; %.0f contacts; %.0f bytes per body\n"
         "  overlap found by a pass: median %.3g mm, p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n"
-        "  overlap after it: p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n",
+        "  overlap after it, by its planes: p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body; left in the last tenth of "
+        "the run, by the surfaces: %.3g mm\n",
         static_cast<unsigned long long>(f.movable_bodies), awake / passes, f.pass.empty() ? 0 : f.pass.back().awake, contacts / passes,
         f.bytes_per_body, quantile(found, 0.5) * 1e3, quantile(found, 0.99) * 1e3, quantile(found, 1) * 1e3, percent(quantile(found, 1)),
-        quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3, percent(quantile(residual, 1)));
+        quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3, percent(quantile(residual, 1)), overlap_left(f) * 1e3);
     // overlap that is new in a pass; when large in more than a tenth of all passes, it is not a single impact
     std::vector<double> late;
     for (size_t k = 1; k < found.size(); ++k) late.push_back(found[k] - residual[k - 1]);
@@ -475,7 +476,8 @@ int tell_of_run(const RunOptions& options, const RunFigures& figures) {
     if (!figures.write_failure.empty()) throw InputError(figures.write_failure + "; the figures of the run are complete");
     const bool is_expected = options.expected_hash.empty() || options.expected_hash == state_hash_text(figures);
     if (!is_expected)
-        std::fprintf(stderr, "trocar: the state hash is %s, not %s as expected\n", state_hash_text(figures).c_str(), options.expected_hash.c_str());
+        std::fprintf(stderr, "trocar: the state hash is %s, not %s as expected\n", state_hash_text(figures).c_str(),
+                     options.expected_hash.c_str());
     return ruin.empty() && figures.replay_difference.empty() && devices_heard && is_expected ? kDone : kNo;
 }
 
@@ -531,7 +533,8 @@ int run_command(const RunOptions& options) {
         std::optional<PlayerRecorder> player;
         if (options.player && has_player() && !options.out.empty() && !options.figures_only) player.emplace(frame);
         std::optional<ExerciseRecorder> exercise;
-        if (options.exercise && !options.out.empty() && !options.figures_only && !frame.world().haptics.tool.empty()) exercise.emplace(frame);
+        if (options.exercise && !options.out.empty() && !options.figures_only && !frame.world().haptics.tool.empty())
+            exercise.emplace(frame);
         RunWatch watch(frame.world());
         print_warnings(watch.take_warnings());
         const RunParts run{options,

@@ -57,32 +57,45 @@ Tracks common_tracks(const Exercise& a, const Exercise& b) {
     return tracks;
 }
 
-// Standard deviations of places and forces over both runs, per tool: what the distance is measured in.
-std::vector<std::array<double, 2>> scales_of(const Tracks& tracks) {
-    std::vector<std::array<double, 2>> scales;
+// What distances are measured in, per tool: the standard deviation of places over both runs, and that of the force in each run, so that
+// a hand that presses twice as hard at the same time does not shift it.
+struct WarpScale {
+    double place = 0;               // m
+    std::array<double, 2> force{};  // N
+};
+
+std::vector<WarpScale> scales_of(const Tracks& tracks) {
+    std::vector<WarpScale> scales;
     for (const auto& both : tracks) {
+        WarpScale scale;
         Vec3d mean = Vec3d::Zero();
-        double n = 0, force = 0, spread = 0, force_spread = 0;
+        double count = 0, spread = 0;
         for (const ToolTrack& t : both)
-            for (size_t i = 0; i < t.tip.size(); ++i) mean += t.tip[i], force += t.force[i], n += 1;
-        mean /= n, force /= n;
-        for (const ToolTrack& t : both)
-            for (size_t i = 0; i < t.tip.size(); ++i) spread += (t.tip[i] - mean).squaredNorm(), force_spread += (t.force[i] - force) * (t.force[i] - force);
-        scales.push_back({std::sqrt(spread / n), std::sqrt(force_spread / n)});
+            for (const Vec3d& tip : t.tip) mean += tip, count += 1;
+        mean /= count;
+        for (size_t run = 0; run < 2; ++run) {
+            const std::vector<double>& force = both[run].force;
+            const double n = static_cast<double>(force.size()), level = std::accumulate(force.begin(), force.end(), 0.0) / n;
+            for (const double f : force) scale.force[run] += (f - level) * (f - level) / n;
+            scale.force[run] = std::sqrt(scale.force[run]);
+            for (const Vec3d& tip : both[run].tip) spread += (tip - mean).squaredNorm();
+        }
+        scale.place = std::sqrt(spread / count);
+        scales.push_back(scale);
     }
     return scales;
 }
 
 // Samples of one run in even intervals, scaled, for the warping.
-std::vector<double> features(const Tracks& tracks, const std::vector<std::array<double, 2>>& scales, size_t run, double from, double to, size_t count) {
+std::vector<double> features(const Tracks& tracks, const std::vector<WarpScale>& scales, size_t run, double from, double to, size_t count) {
     std::vector<double> out;
     for (size_t i = 0; i < count; ++i) {
         const double t = from + (to - from) * (count > 1 ? static_cast<double>(i) / static_cast<double>(count - 1) : 0);
         for (size_t k = 0; k < tracks.size(); ++k) {
             const ToolTrack& track = tracks[k][run];
             const Vec3d tip = value_at(track.time, track.tip, t);
-            for (int c = 0; c < 3; ++c) out.push_back(scales[k][0] > 0 ? tip[c] / scales[k][0] : 0);
-            out.push_back(scales[k][1] > 0 ? value_at(track.time, track.force, t) / scales[k][1] : 0);
+            for (int c = 0; c < 3; ++c) out.push_back(scales[k].place > 0 ? tip[c] / scales[k].place : 0);
+            out.push_back(scales[k].force[run] > 0 ? value_at(track.time, track.force, t) / scales[k].force[run] : 0);
         }
     }
     return out;
@@ -182,15 +195,17 @@ Alignment align_runs(const Exercise& a, const Exercise& b) {
     Alignment out;
     const Tracks tracks = common_tracks(a, b);
     if (tracks.empty()) return out;
-    const std::vector<std::array<double, 2>> scales = scales_of(tracks);
+    const std::vector<WarpScale> scales = scales_of(tracks);
     std::vector<ExercisePhase> pa = phases_of(a), pb = phases_of(b);
     out.by_phases = pa.size() > 1 && same_phases(pa, pb);
     if (!out.by_phases) pa = {{"", pa.front().from, pa.back().to}}, pb = {{"", pb.front().from, pb.back().to}};
-    const double rate_a = static_cast<double>(tracks[0][0].time.size() - 1) / std::max(1e-9, tracks[0][0].time.back() - tracks[0][0].time.front());
+    const double rate_a =
+        static_cast<double>(tracks[0][0].time.size() - 1) / std::max(1e-9, tracks[0][0].time.back() - tracks[0][0].time.front());
     for (size_t p = 0; p < pa.size(); ++p) {
         const double la = pa[p].to - pa[p].from, lb = pb[p].to - pb[p].from;
         const double rate = std::min(rate_a, static_cast<double>(kMostSamples - 1) / std::max({la, lb, 1e-9}));
-        const size_t n = std::max<size_t>(2, static_cast<size_t>(la * rate) + 1), m = std::max<size_t>(2, static_cast<size_t>(lb * rate) + 1);
+        const size_t n = std::max<size_t>(2, static_cast<size_t>(la * rate) + 1),
+                     m = std::max<size_t>(2, static_cast<size_t>(lb * rate) + 1);
         const std::vector<double> map = warp_onto(features(tracks, scales, 0, pa[p].from, pa[p].to, n),
                                                   features(tracks, scales, 1, pb[p].from, pb[p].to, m), kWarpWidth * tracks.size());
         for (size_t i = 0; i < n; ++i) {
@@ -235,7 +250,8 @@ Cohort summarise_cohort(const std::vector<ComparedRun>& runs) {
             const std::vector<double> values = values_of(runs, m.key, &group);
             m.quartiles.push_back({quantile_between(values, 0.25), quantile_between(values, 0.5), quantile_between(values, 0.75)});
         }
-        if (cohort.group.size() == 2) m.area = bootstrap_area(values_of(runs, m.key, &cohort.group[0]), values_of(runs, m.key, &cohort.group[1]));
+        if (cohort.group.size() == 2)
+            m.area = bootstrap_area(values_of(runs, m.key, &cohort.group[0]), values_of(runs, m.key, &cohort.group[1]));
         add_trials(runs, m, cohort);
         cohort.metric.push_back(std::move(m));
     }
@@ -257,7 +273,8 @@ std::vector<StageComparison> compare_times(const fs::path& a, const fs::path& b)
         std::vector<double> log_ratio;
         for (size_t k = 0; k < kTimeBlocks; ++k) {
             const auto sum = [&](const std::vector<double>& ms) {
-                return std::accumulate(ms.begin() + static_cast<ptrdiff_t>(passes * k / kTimeBlocks), ms.begin() + static_cast<ptrdiff_t>(passes * (k + 1) / kTimeBlocks), 0.0);
+                return std::accumulate(ms.begin() + static_cast<ptrdiff_t>(passes * k / kTimeBlocks),
+                                       ms.begin() + static_cast<ptrdiff_t>(passes * (k + 1) / kTimeBlocks), 0.0);
             };
             const double x = sum(ta.ms[s]), y = sum(tb.ms[other]);
             c.a_ms += x, c.b_ms += y;

@@ -32,8 +32,8 @@ struct Alignment {
     double distance = 0;              // m, RMS between the tips at aligned times
     double raw_distance = 0;          // m, the same at equal times, as long as both last
 };
-// Phases by their events, then dynamic time warping of tip positions and forces on the hand of the tools that both have, each divided
-// by its standard deviation over both runs, at most 600 samples a phase.
+// Phases by their events, then dynamic time warping of tip positions and forces on the hand of the tools that both have, places divided by
+// their standard deviation over both runs, forces by that of each run, at most 600 samples a phase.
 Alignment align_runs(const Exercise& a, const Exercise& b);
 
 // Value of a signal of a tool at a time, linear between samples.

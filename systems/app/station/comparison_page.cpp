@@ -13,9 +13,11 @@ constexpr size_t kMostCurves = 8;    // in a plot: as many colours as it has
 constexpr size_t kMostColumns = 12;  // runs in the table of metrics
 constexpr double kSure = 0.05;       // level of the test
 
-std::string cell(const std::string& text) { return "<td class=\"v\">" + text + "</td>"; }
+std::string cell(const std::string& text) { return "<td class=\"v\" style=\"white-space:nowrap\">" + text + "</td>"; }
 std::string short_number(double v) { return std::isfinite(v) ? format("%.4g", v) : "&ndash;"; }
-std::string plot_card(const Plot& plot, const std::string& note) { return "<div class=\"card\">" + svg_plot(plot) + "<p>" + note + "</p></div>\n"; }
+std::string plot_card(const Plot& plot, const std::string& note) {
+    return "<div class=\"card\">" + svg_plot(plot) + "<p>" + note + "</p></div>\n";
+}
 std::string table(const std::string& head, const std::string& rows) {
     return "<div style=\"overflow-x:auto\"><table><tr>" + head + "</tr>" + rows + "</table></div>\n";
 }
@@ -27,12 +29,15 @@ std::string metric_name(const MetricText& m) {
 std::string head_section(const std::vector<ComparedRun>& runs) {
     std::string rows;
     for (const ComparedRun& r : runs)
-        rows += "<tr><td>" + escape_html(r.name) + "</td><td>" + escape_html(r.exercise.scene) + "</td><td>" + escape_html(r.group) + "</td><td>" +
-                escape_html(r.subject) + "</td>" + cell(r.trial > 0 ? format("%g", r.trial) : "") + cell(format("%zu", r.exercise.sample.size())) +
-                cell(format("%.0f", r.exercise.rate)) + "<td><code>" + escape_html(r.exercise.state_hash) + "</code></td></tr>";
-    return "<h1>Comparison of " + std::to_string(runs.size()) + " runs</h1><p>Metrics describe motion and force. Whether they tell skill has to be "
+        rows += "<tr><td>" + escape_html(r.name) + "</td><td>" + escape_html(r.exercise.scene) + "</td><td>" + escape_html(r.group) +
+                "</td><td>" + escape_html(r.subject) + "</td>" + cell(r.trial > 0 ? format("%g", r.trial) : "") +
+                cell(format("%zu", r.exercise.sample.size())) + cell(format("%.0f", r.exercise.rate)) + "<td><code>" +
+                escape_html(r.exercise.state_hash) + "</code></td></tr>";
+    return "<h1>Comparison of " + std::to_string(runs.size()) +
+           " runs</h1><p>Metrics describe motion and force. Whether they tell skill has to be "
            "shown with people for each exercise: none of them is a mark.</p>" +
-           table("<th>run</th><th>scene</th><th>group</th><th>subject</th><th>trial</th><th>samples</th><th>Hz</th><th>state hash</th>", rows);
+           table("<th>run</th><th>scene</th><th>group</th><th>subject</th><th>trial</th><th>samples</th><th>Hz</th><th>state hash</th>",
+                 rows);
 }
 
 std::string metric_section(const std::vector<ComparedRun>& runs) {
@@ -110,22 +115,30 @@ std::string curve_section(const std::vector<ComparedRun>& runs, const std::vecto
                 } else if (!alignments[r - 1].time.empty()) {
                     PlotSeries warped{runs[r].name, {}, {}, false};
                     for (size_t i = 0; i < alignments[r - 1].time.size(); ++i)
-                        warped.x.push_back(alignments[r - 1].time[i] - first.sample.front().time), warped.y.push_back(s.at(alignments[r - 1].other[i]));
+                        warped.x.push_back(alignments[r - 1].time[i] - first.sample.front().time),
+                            warped.y.push_back(s.at(alignments[r - 1].other[i]));
                     aligned.series.push_back(std::move(warped));
                 }
             }
             cards += plot_card(raw, "As recorded.");
-            if (aligned.series.size() > 1) cards += plot_card(aligned, "Each run stretched and shrunk in time so that tip and force lie on those of the first.");
+            if (aligned.series.size() > 1)
+                cards += plot_card(aligned, "Each run stretched and shrunk in time so that tip and force lie on those of the first.");
         }
     }
     std::string rows;
     for (size_t k = 0; k < alignments.size() && k < kMostColumns; ++k)
         rows += "<tr><td>" + escape_html(runs[k + 1].name) + "</td>" + cell(short_number(1e3 * alignments[k].raw_distance)) +
                 cell(short_number(1e3 * alignments[k].distance)) + "<td>" +
-                (alignments[k].time.empty() ? "no tool in common" : alignments[k].by_phases ? "phase by phase" : "as one phase: their phases differ") + "</td></tr>";
-    return "<h2>On one axis</h2><p>Up to " + std::to_string(kMostCurves) + " runs. Aligned by the events that begin phases, then by dynamic time "
-           "warping on tip position and force.</p><div class=\"grid\">" + cards + "</div>" +
-           (rows.empty() ? "" : table("<th>run</th><th>RMS distance of the tips at equal times, mm</th><th>aligned, mm</th><th></th>", rows));
+                (alignments[k].time.empty() ? "no tool in common"
+                 : alignments[k].by_phases  ? "phase by phase"
+                                            : "as one phase: their phases differ") +
+                "</td></tr>";
+    return "<h2>On one axis</h2><p>Up to " + std::to_string(kMostCurves) +
+           " runs. Aligned by the events that begin phases, then by dynamic time "
+           "warping on tip position and force.</p><div class=\"grid\">" +
+           cards + "</div>" +
+           (rows.empty() ? ""
+                         : table("<th>run</th><th>RMS distance of the tips at equal times, mm</th><th>aligned, mm</th><th></th>", rows));
 }
 
 std::string cohort_section(const std::vector<ComparedRun>& runs, const Cohort& c) {
@@ -162,10 +175,12 @@ std::string cohort_section(const std::vector<ComparedRun>& runs, const Cohort& c
         curves += plot_card(plot, "Median of all runs with that trial number.");
     }
     return "<h2>Cohort</h2><p>Median (first to third quartile) per group. AUC: probability that a run of " +
-           (two ? escape_html(c.group[0]) + " has the greater value than one of " + escape_html(c.group[1]) : std::string("the first group has the greater value")) +
+           (two ? escape_html(c.group[0]) + " has the greater value than one of " + escape_html(c.group[1])
+                : std::string("the first group has the greater value")) +
            ", with the percentile interval of 2,000 bootstrap samples. ICC(2,1): agreement of single trials, over " +
-           std::to_string(c.subjects) + " subjects with all of " + std::to_string(c.trials) + " trials. An interval from few runs is wide: read it before the value.</p>" +
-           table(head, rows) + (curves.empty() ? "" : "<h2>Learning curves</h2><div class=\"grid\">" + curves + "</div>");
+           std::to_string(c.subjects) + " subjects with all of " + std::to_string(c.trials) +
+           " trials. An interval from few runs is wide: read it before the value.</p>" + table(head, rows) +
+           (curves.empty() ? "" : "<h2>Learning curves</h2><div class=\"grid\">" + curves + "</div>");
 }
 
 std::string time_section(const std::vector<StageComparison>& stages) {
@@ -174,12 +189,17 @@ std::string time_section(const std::vector<StageComparison>& stages) {
     std::ranges::sort(sorted, [](const auto& x, const auto& y) { return std::max(x.a_ms, x.b_ms) > std::max(y.a_ms, y.b_ms); });
     std::string rows;
     for (const StageComparison& s : sorted)
-        rows += "<tr><td>" + escape_html(s.stage) + "</td>" + cell(format("%.4f", s.a_ms)) + cell(format("%.4f", s.b_ms)) + cell(format("%.3f", s.ratio)) +
-                cell(s.p < 1e-4 ? std::string("&lt; 0.0001") : format("%.4f", s.p)) + "<td>" +
-                (s.p >= kSure ? "no difference shown" : s.ratio > 1 ? "slower" : "faster") + "</td></tr>";
+        rows += "<tr><td>" + escape_html(s.stage) + "</td>" + cell(format("%.4f", s.a_ms)) + cell(format("%.4f", s.b_ms)) +
+                cell(format("%.3f", s.ratio)) + cell(s.p < 1e-4 ? std::string("&lt; 0.0001") : format("%.4f", s.p)) + "<td>" +
+                (s.p >= kSure  ? "no difference shown"
+                 : s.ratio > 1 ? "slower"
+                               : "faster") +
+                "</td></tr>";
     return "<h2>Times, stage by stage</h2><p>Mean time per contact pass. Passes of both runs at the same simulated time, cut into " +
-           std::to_string(kTimeBlocks) + " blocks of consecutive ones, since neighbours depend on each other; Wilcoxon's signed-rank test on the "
-           "blocks' ratios, p corrected for the number of stages (Holm). One run of each cannot tell a change of the program from one of the "
+           std::to_string(kTimeBlocks) +
+           " blocks of consecutive ones, since neighbours depend on each other; Wilcoxon's signed-rank test on the "
+           "blocks' ratios, p corrected for the number of stages (Holm). One run of each cannot tell a change of the program from one of "
+           "the "
            "machine's load: repeat before believing.</p>" +
            table("<th>stage</th><th>first, ms</th><th>second, ms</th><th>ratio</th><th>p</th><th></th>", rows);
 }
@@ -190,17 +210,21 @@ nlohmann::ordered_json interval_json(const Interval& i) { return {{"value", i.va
 
 std::string comparison_html(const std::vector<ComparedRun>& runs, const Cohort& cohort, const std::vector<Alignment>& alignments,
                             const std::vector<StageComparison>& stages) {
-    if (runs.empty()) return html_page("Comparison", "<h1>Comparison of two runs</h1><p>They have no tools: only their times are compared.</p>" + time_section(stages));
-    return html_page("Comparison", head_section(runs) + metric_section(runs) + curve_section(runs, alignments) + cohort_section(runs, cohort) +
-                                       time_section(stages));
+    if (runs.empty())
+        return html_page("Comparison",
+                         "<h1>Comparison of two runs</h1><p>They have no tools: only their times are compared.</p>" + time_section(stages));
+    return html_page("Comparison", head_section(runs) + metric_section(runs) + curve_section(runs, alignments) +
+                                       cohort_section(runs, cohort) + time_section(stages));
 }
 
 std::string comparison_text(const std::vector<ComparedRun>& runs, const std::vector<Alignment>& alignments,
                             const std::vector<StageComparison>& stages) {
     std::string out = "metric              ";
     for (const ComparedRun& r : runs) out += format(" %14.14s", r.name.c_str());
-    if (runs.empty()) out.clear();
-    else out += "\n";
+    if (runs.empty())
+        out.clear();
+    else
+        out += "\n";
     for (const MetricText& m : tool_metrics()) {
         std::string row;
         bool any = false;
@@ -212,10 +236,13 @@ std::string comparison_text(const std::vector<ComparedRun>& runs, const std::vec
         if (any) out += format("%-16s %-3s", m.key, m.unit) + row + "\n";
     }
     for (size_t k = 0; k < alignments.size(); ++k)
-        out += runs[k + 1].name + format(": tips %.3g mm apart at equal times, %.3g mm aligned (RMS)\n", 1e3 * alignments[k].raw_distance, 1e3 * alignments[k].distance);
+        out += runs[k + 1].name + format(": tips %.3g mm apart at equal times, %.3g mm aligned (RMS)\n", 1e3 * alignments[k].raw_distance,
+                                         1e3 * alignments[k].distance);
     for (const StageComparison& s : stages)
         out += format("%-28s %10.4f ms %10.4f ms  ratio %6.3f  p %.4f%s\n", s.stage.c_str(), s.a_ms, s.b_ms, s.ratio, s.p,
-                      s.p >= kSure ? "" : s.ratio > 1 ? "  slower" : "  faster");
+                      s.p >= kSure  ? ""
+                      : s.ratio > 1 ? "  slower"
+                                    : "  faster");
     return out;
 }
 
@@ -232,7 +259,8 @@ std::string comparison_json(const std::vector<ComparedRun>& runs, const Cohort& 
         j["alignments"].push_back({{"by_phases", a.by_phases}, {"raw_distance_m", a.raw_distance}, {"aligned_distance_m", a.distance}});
     for (const MetricSummary& m : cohort.metric) {
         json row = {{"metric", m.key}, {"quartiles", json::object()}};
-        for (size_t g = 0; g < cohort.group.size(); ++g) row["quartiles"][cohort.group[g].empty() ? "all" : cohort.group[g]] = m.quartiles[g];
+        for (size_t g = 0; g < cohort.group.size(); ++g)
+            row["quartiles"][cohort.group[g].empty() ? "all" : cohort.group[g]] = m.quartiles[g];
         if (cohort.group.size() == 2) row["auc"] = interval_json(m.area);
         if (std::isfinite(m.reliability.value)) row["icc_2_1"] = interval_json(m.reliability);
         if (std::isfinite(m.learning.exponent)) row["learning"] = {{"first", m.learning.first}, {"exponent", m.learning.exponent}};

@@ -96,8 +96,10 @@ void ExerciseRecorder::add_organ_forces(const Frame& frame, uint32_t tool, Exerc
         if (tool_of_body_[part] != tool || tool_of_body_[organ] == tool || force == Vec3d::Zero()) return;
         const std::pair<uint32_t, uint32_t> key{part, organ};
         const auto at = std::ranges::find(touched_, key);
-        if (at == touched_.end()) touched_.push_back(key), touched_force_.push_back(force);
-        else touched_force_[static_cast<size_t>(at - touched_.begin())] += force;
+        if (at == touched_.end())
+            touched_.push_back(key), touched_force_.push_back(force);
+        else
+            touched_force_[static_cast<size_t>(at - touched_.begin())] += force;
     };
     const ContactConstraints& c = w.contact_constraints;
     for (size_t i = 0; i < c.body.size(); ++i) {

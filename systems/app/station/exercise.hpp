@@ -89,8 +89,8 @@ class ExerciseRecorder {
     Exercise exercise_;
     std::vector<Seen> tool_, drive_;
     std::vector<SeenLink> link_;
-    std::vector<uint32_t> organ_of_body_;    // index into Exercise::organ or kNone
-    std::vector<uint32_t> tool_of_body_;     // or kNone
+    std::vector<uint32_t> organ_of_body_;                 // index into Exercise::organ or kNone
+    std::vector<uint32_t> tool_of_body_;                  // or kNone
     std::vector<std::pair<uint32_t, uint32_t>> touched_;  // scratch: part of the tool, organ
     std::vector<Vec3d> touched_force_;                    // N, of each
 };

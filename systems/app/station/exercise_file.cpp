@@ -142,8 +142,10 @@ CsvTable read_csv(const fs::path& file) {
         const size_t end = std::min(t.text.find('\n', at), t.text.size());
         split_line(std::string_view(t.text).substr(at, end - at), fields);
         at = end + 1;
-        if (line == 0) t.column.assign(fields.begin(), fields.end());
-        else if (fields.size() == t.column.size()) t.row.push_back(fields);
+        if (line == 0)
+            t.column.assign(fields.begin(), fields.end());
+        else if (fields.size() == t.column.size())
+            t.row.push_back(fields);
         else
             throw InputError(t.file + ":" + std::to_string(line + 1) + ": " + std::to_string(fields.size()) + " fields, not " +
                              std::to_string(t.column.size()));
@@ -201,8 +203,10 @@ Exercise read_exercise_csv(const fs::path& file) {
     check_order(t, e);
     std::error_code error;
     const fs::path json = fs::path(file).replace_extension(".json");
-    if (fs::exists(json, error)) read_events(json, e);
-    else add_touches(e);
+    if (fs::exists(json, error))
+        read_events(json, e);
+    else
+        add_touches(e);
     if (e.rate == 0) e.rate = rate_of(e);
     return e;
 }
@@ -217,7 +221,8 @@ Exercise read_tools_csv(const fs::path& file) {
     for (size_t r = 0; r < t.row.size(); ++r) {
         ExerciseSample s;
         s.time = t.number(r, time), s.tool = index_of(e.tool, t.row[r][tool]);
-        s.tip = vector_at(t, r, device), s.proxy = vector_at(t, r, proxy), s.hand = vector_at(t, r, force), s.tissue = vector_at(t, r, tissue);
+        s.tip = vector_at(t, r, device), s.proxy = vector_at(t, r, proxy), s.hand = vector_at(t, r, force),
+        s.tissue = vector_at(t, r, tissue);
         s.hand_peak = s.hand.norm();
         s.contacts = static_cast<uint32_t>(std::clamp(t.number(r, contacts), 0.0, 4294967295.0));
         if (grip < t.column.size()) s.grip = t.number(r, grip);
@@ -231,8 +236,8 @@ Exercise read_tools_csv(const fs::path& file) {
 
 std::string exercise_json(const Exercise& e) {
     using json = nlohmann::ordered_json;
-    json j = {{"format", kFormat},        {"scene", e.scene},       {"version", e.version}, {"state_hash", e.state_hash}, {"live", e.live},
-              {"rate_hz", e.rate},        {"samples", e.sample.size()}, {"tools", e.tool},  {"organs", e.organ}};
+    json j = {{"format", kFormat}, {"scene", e.scene},           {"version", e.version}, {"state_hash", e.state_hash}, {"live", e.live},
+              {"rate_hz", e.rate}, {"samples", e.sample.size()}, {"tools", e.tool},      {"organs", e.organ}};
     json& columns = j["columns"] = json::object();
     std::string text;
     for (const ColumnText& c : kColumns) columns[c.name] = text = *c.text ? c.text : text;

@@ -35,7 +35,21 @@ struct Bytes {
     }
 };
 
-enum Opcode : uint8_t { kHeader = 1, kFooter, kSchema, kChannel, kMessage, kChunk, kMessageIndex, kChunkIndex, kStatistics = 0x0b, kMetadata, kMetadataIndex, kSummaryOffset, kDataEnd };
+enum Opcode : uint8_t {
+    kHeader = 1,
+    kFooter,
+    kSchema,
+    kChannel,
+    kMessage,
+    kChunk,
+    kMessageIndex,
+    kChunkIndex,
+    kStatistics = 0x0b,
+    kMetadata,
+    kMetadataIndex,
+    kSummaryOffset,
+    kDataEnd
+};
 
 constexpr char kMcapMagic[] = "\x89MCAP0\r\n";
 constexpr size_t kChunkBytes = size_t{1} << 20;
@@ -102,7 +116,10 @@ std::vector<Message> messages_of(const Exercise& e) {
     std::map<uint16_t, uint32_t> count;
     for (const ExerciseSample& s : e.sample) all.push_back({nanoseconds(s.time), static_cast<uint16_t>(s.tool + 1), 0, sample_json(e, s)});
     for (const ExerciseEvent& event : e.event) {
-        json j = {{"time_s", event.time}, {"event", event.kind}, {"tool", event.tool == kNone ? "" : e.tool[event.tool]}, {"object", event.object}};
+        json j = {{"time_s", event.time},
+                  {"event", event.kind},
+                  {"tool", event.tool == kNone ? "" : e.tool[event.tool]},
+                  {"object", event.object}};
         all.push_back({nanoseconds(event.time), 0, 0, j.dump()});
     }
     std::ranges::stable_sort(all, {}, &Message::time);
@@ -118,11 +135,21 @@ std::string exercise_mcap(const Exercise& e) {
     const auto add_schema = [&](uint16_t id, const char* name, const std::string& text) {
         schemas += record(kSchema, Bytes().put(id).put_string(name).put_string("jsonschema").put_string(text));
     };
-    add_schema(1, "trocar.ExerciseEvent", schema_json("trocar.ExerciseEvent", {{"time_s", "number"}, {"event", "string"}, {"tool", "string"}, {"object", "string"}}));
+    add_schema(1, "trocar.ExerciseEvent",
+               schema_json("trocar.ExerciseEvent", {{"time_s", "number"}, {"event", "string"}, {"tool", "string"}, {"object", "string"}}));
     add_schema(2, "trocar.ExerciseSample",
-               schema_json("trocar.ExerciseSample", {{"time_s", "number"}, {"tip_m", "vector"}, {"orientation", "quaternion"}, {"proxy_m", "vector"},
-                                                     {"grip_rad", "number"}, {"buttons", "integer"}, {"hand_n", "vector"}, {"hand_peak_n", "number"},
-                                                     {"torque_nm", "vector"}, {"tissue_n", "vector"}, {"contacts", "integer"}, {"organs_n", "map"}}));
+               schema_json("trocar.ExerciseSample", {{"time_s", "number"},
+                                                     {"tip_m", "vector"},
+                                                     {"orientation", "quaternion"},
+                                                     {"proxy_m", "vector"},
+                                                     {"grip_rad", "number"},
+                                                     {"buttons", "integer"},
+                                                     {"hand_n", "vector"},
+                                                     {"hand_peak_n", "number"},
+                                                     {"torque_nm", "vector"},
+                                                     {"tissue_n", "vector"},
+                                                     {"contacts", "integer"},
+                                                     {"organs_n", "map"}}));
     const auto add_channel = [&](uint16_t id, uint16_t schema, const std::string& topic) {
         channels += record(kChannel, Bytes().put(id).put(schema).put_string(topic).put_string("json").put_block({}));
     };
@@ -157,19 +184,32 @@ std::string exercise_mcap(const Exercise& e) {
             offsets.put(channel).put(static_cast<uint64_t>(out.size()));
             out += record(kMessageIndex, Bytes().put(channel).put_block(entries));
         }
-        indices += record(kChunkIndex, Bytes().put(messages[first].time).put(messages[last - 1].time).put(start).put(length).put_block(offsets)
-                                           .put(static_cast<uint64_t>(out.size() - first_index)).put_string("")
-                                           .put(static_cast<uint64_t>(inside.size())).put(static_cast<uint64_t>(inside.size())));
+        indices += record(kChunkIndex, Bytes()
+                                           .put(messages[first].time)
+                                           .put(messages[last - 1].time)
+                                           .put(start)
+                                           .put(length)
+                                           .put_block(offsets)
+                                           .put(static_cast<uint64_t>(out.size() - first_index))
+                                           .put_string("")
+                                           .put(static_cast<uint64_t>(inside.size()))
+                                           .put(static_cast<uint64_t>(inside.size())));
         ++chunks, first = last;
     }
     out += record(kDataEnd, Bytes().put(checksum(out)));
     const uint64_t summary = out.size();
     Bytes counts;
     for (const auto& [channel, count] : per_channel) counts.put(channel).put(count);
-    const std::string statistics = record(
-        kStatistics, Bytes().put(static_cast<uint64_t>(messages.size())).put(uint16_t{2}).put(static_cast<uint32_t>(e.tool.size() + 1)).put(uint32_t{0})
-                         .put(uint32_t{0}).put(chunks).put(messages.empty() ? 0 : messages.front().time).put(messages.empty() ? 0 : messages.back().time)
-                         .put_block(counts));
+    const std::string statistics = record(kStatistics, Bytes()
+                                                           .put(static_cast<uint64_t>(messages.size()))
+                                                           .put(uint16_t{2})
+                                                           .put(static_cast<uint32_t>(e.tool.size() + 1))
+                                                           .put(uint32_t{0})
+                                                           .put(uint32_t{0})
+                                                           .put(chunks)
+                                                           .put(messages.empty() ? 0 : messages.front().time)
+                                                           .put(messages.empty() ? 0 : messages.back().time)
+                                                           .put_block(counts));
     out += schemas + channels + statistics + indices;
     Bytes footer;  // no summary offsets: readers find the groups by reading the summary
     footer.put(summary).put(uint64_t{0});

@@ -13,12 +13,16 @@ namespace {
 
 constexpr MetricText kTool[] = {
     {"time_s", "s", "duration of the record, first to last sample", "FLS counts time and errors", -1},
-    {"path_m", "m", "length of the way of the tip, smoothed to 10 Hz: integral of its speed", "Rivard et al. 2014, doi 10.1007/s00464-013-3414-5", -1},
-    {"economy", "", "straight distances between the tip's places at the ends of phases, over path_m: 1 is straight", "Rivard et al. 2014, doi 10.1007/s00464-013-3414-5", 1},
-    {"sparc", "", "spectral arc length of the tip's speed up to 10 Hz: nearer to zero is smoother", "Balasubramanian et al. 2015, doi 10.1186/s12984-015-0090-9", 1},
+    {"path_m", "m", "length of the way of the tip, smoothed to 10 Hz: integral of its speed",
+     "Rivard et al. 2014, doi 10.1007/s00464-013-3414-5", -1},
+    {"economy", "", "straight distances between the tip's places at the ends of phases, over path_m: 1 is straight",
+     "Rivard et al. 2014, doi 10.1007/s00464-013-3414-5", 1},
+    {"sparc", "", "spectral arc length of the tip's speed up to 10 Hz: nearer to zero is smoother",
+     "Balasubramanian et al. 2015, doi 10.1186/s12984-015-0090-9", 1},
     {"ldlj", "", "log dimensionless jerk -ln(T^3 / v_max^2 * integral of jerk^2), smoothed to 10 Hz: nearer to zero is smoother",
      "Balasubramanian et al. 2012, doi 10.1109/TBME.2011.2179545", 1},
-    {"idle_share", "", "share of the time in which no tool is faster than the idle speed for at least the idle time", "D'Angelo et al. 2015, doi 10.1016/j.amjsurg.2014.12.013", -1},
+    {"idle_share", "", "share of the time in which no tool is faster than the idle speed for at least the idle time",
+     "D'Angelo et al. 2015, doi 10.1016/j.amjsurg.2014.12.013", -1},
     {"bimanual_overlap", "", "time in which two or more tools are faster than the idle speed, over the time in which any is",
      "after Hofstad et al. 2013", 1},
     {"turn_rad", "rad", "angle through which the tool turned in all, smoothed to 10 Hz", "", -1},
@@ -73,7 +77,9 @@ std::pair<size_t, size_t> part_of(const Track& t, double from, double to) {
 }
 
 SmoothPath cut(const SmoothPath& p, size_t low, size_t high) {
-    const auto part = [&](const auto& v) { return std::remove_cvref_t<decltype(v)>(v.begin() + static_cast<ptrdiff_t>(low), v.begin() + static_cast<ptrdiff_t>(high)); };
+    const auto part = [&](const auto& v) {
+        return std::remove_cvref_t<decltype(v)>(v.begin() + static_cast<ptrdiff_t>(low), v.begin() + static_cast<ptrdiff_t>(high));
+    };
     return {part(p.time), part(p.speed), part(p.jerk), part(p.place), part(p.turn)};
 }
 
@@ -104,6 +110,7 @@ MetricValues motion_of(const Exercise& e, const Track& t, std::span<const Exerci
         if (force[i] > 0) felt.push_back(force[i]);
         peak = std::max(peak, t.peak[low + i]);
     }
+    if (e.has_turn && m["turn_rad"] < 1e-9) m["turn_rad"] = 0;  // rounding
     m["contact_share"] = touched / m["time_s"];
     m["peak_force_n"] = peak;
     m["p95_force_n"] = felt.empty() ? 0 : quantile_between(felt, 0.95);
@@ -117,15 +124,16 @@ std::vector<uint8_t> moving(const Track& t, const ScoreOptions& o) {
     for (size_t i = 0; i < moves.size();) {
         size_t j = i;
         while (j < moves.size() && t.path.speed[j] < o.idle_speed) ++j;
-        if (j > i && t.time[j - 1] - t.time[i] >= o.idle_time) std::fill(moves.begin() + static_cast<ptrdiff_t>(i), moves.begin() + static_cast<ptrdiff_t>(j), 0);
+        if (j > i && t.time[j - 1] - t.time[i] >= o.idle_time)
+            std::fill(moves.begin() + static_cast<ptrdiff_t>(i), moves.begin() + static_cast<ptrdiff_t>(j), 0);
         i = std::max(j, i + 1);
     }
     return moves;
 }
 
 // idle_share and bimanual_overlap of tools within a span of time, at the samples of the first of them.
-void add_idleness(const std::vector<Track>& tracks, const std::vector<std::vector<uint8_t>>& moves, std::span<const size_t> tools, double from,
-                  double to, MetricValues& m) {
+void add_idleness(const std::vector<Track>& tracks, const std::vector<std::vector<uint8_t>>& moves, std::span<const size_t> tools,
+                  double from, double to, MetricValues& m) {
     const Track& first = tracks[tools[0]];
     const auto [low, high] = part_of(first, from, to);
     double idle = 0, any = 0, both = 0;
@@ -265,7 +273,8 @@ std::string score_json(const Exercise& e, const Score& score) {
 }
 
 std::string score_text(const Exercise& e, const Score& score) {
-    std::string out = e.source + (e.scene.empty() ? "" : " (" + e.scene + ")") + format(": %zu samples at %.0f Hz\n", e.sample.size(), e.rate);
+    std::string out =
+        e.source + (e.scene.empty() ? "" : " (" + e.scene + ")") + format(": %zu samples at %.0f Hz\n", e.sample.size(), e.rate);
     const auto rows = [&](const std::string& title, const MetricValues& values, std::span<const MetricText> metrics) {
         out += "  " + title + "\n";
         for (const MetricText& m : metrics)

@@ -9,8 +9,8 @@ std::string metric_rows(const std::string& whose, const MetricValues& values, st
     std::string rows;
     for (const MetricText& m : metrics)
         if (const auto at = values.find(m.key); at != values.end())
-            rows += "<tr><td>" + escape_html(whose) + "</td><td><code>" + m.key + "</code></td><td class=\"v\">" + format("%.4g", at->second) +
-                    "</td><td>" + m.unit + "</td><td>" + m.text + "</td></tr>";
+            rows += "<tr><td>" + escape_html(whose) + "</td><td><code>" + m.key + "</code></td><td class=\"v\">" +
+                    format("%.4g", at->second) + "</td><td>" + m.unit + "</td><td>" + m.text + "</td></tr>";
     return rows;
 }
 
@@ -28,10 +28,14 @@ std::string score_section(const Exercise& e, const Score& score) {
                   format("%.2f", phase.to) + "</td><td class=\"v\">" + at("path_m") + "</td><td class=\"v\">" + at("idle_share") +
                   "</td><td class=\"v\">" + at("peak_force_n") + "</td></tr>";
     }
-    return "<h2>Exercise</h2><p>What the hands did, from <code>exercise.csv</code>; <code>trocar compare</code> sets runs beside each other. "
+    return "<h2>Exercise</h2><p>What the hands did, from <code>exercise.csv</code>; <code>trocar compare</code> sets runs beside each "
+           "other. "
            "Descriptions of motion and force, not marks: what they say about skill has to be shown with people.</p>"
-           "<details><summary>Metrics</summary><table>" + rows + "</table></details>"
-           "<table><tr><th>phase</th><th>from, s</th><th>to, s</th><th>path, m</th><th>idle share</th><th>peak force, N</th></tr>" + phases + "</table>\n";
+           "<details><summary>Metrics</summary><table>" +
+           rows +
+           "</table></details>"
+           "<table><tr><th>phase</th><th>from, s</th><th>to, s</th><th>path, m</th><th>idle share</th><th>peak force, N</th></tr>" +
+           phases + "</table>\n";
 }
 
 }  // namespace trocar

@@ -103,7 +103,7 @@ std::vector<SmoothColumn> smooth_columns(std::span<const double> time, std::span
         return out;
     }
     const double interval = middle_interval(time), rate = 1 / interval;
-    const double samples = std::max(4.0, std::round(((kDegree + 1) * rate / (2 * band) + 4.6) / 3.2));  // on either side
+    const double samples = std::max(4.0, std::round((kDegree + 1) * rate / (2 * band) / 3.2));  // on either side
     const double half = (samples + 1e-6) * interval, begin = time.front(), end = time.back();
     std::vector<Window> kept;
     size_t next = 0, low = 0, high = 0;
@@ -121,8 +121,10 @@ std::vector<SmoothColumn> smooth_columns(std::span<const double> time, std::span
             Window made;
             for (size_t k = low; k < high; ++k) made.offset.push_back(time[k] - time[i]);
             fit(made);
-            if (kept.size() < kKept) kept.emplace_back();
-            else next = (next + 1) % kKept, used = next;
+            if (kept.size() < kKept)
+                kept.emplace_back();
+            else
+                next = (next + 1) % kKept, used = next;
             kept[used] = std::move(made);
         }
         const Window& w = kept[used];

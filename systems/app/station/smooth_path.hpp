@@ -14,10 +14,11 @@ struct SmoothColumn {
 };
 
 // Each column (one value per time) as the polynomial of degree 5 that fits the samples around each time best (Savitzky and Golay
-// 1964), and its first and third derivative. The window makes the filter's -3 dB point `band` (Hz; Schafer 2011, equation 12). A
+// 1964), and its first and third derivative. The window makes the filter's -3 dB point `band` (Hz; Schafer 2011, for wide windows). A
 // minimum-jerk stroke, which is of degree 5, passes unchanged. Nearer to an end than half a window, where a fit is least certain, the
 // window is twice as long. `time`: s, ascending, in any intervals.
-std::vector<SmoothColumn> smooth_columns(std::span<const double> time, std::span<const std::vector<double>> columns, double band = kMotionBand);
+std::vector<SmoothColumn> smooth_columns(std::span<const double> time, std::span<const std::vector<double>> columns,
+                                         double band = kMotionBand);
 
 // Motion of one tool: what the metrics of motion read.
 struct SmoothPath {

@@ -125,8 +125,8 @@ Interval intraclass_correlation(std::span<const double> value, size_t trials) {
     out.value = (between - rest) / (between + (k - 1) * rest + k * (judges - rest) / n);
     const double ratio = judges / std::max(rest, 1e-300), r = std::clamp(out.value, -0.999999, 0.999999);
     const double top = k * r * ratio + n * (1 + (k - 1) * r) - k * r;
-    const double freedom = (k - 1) * (n - 1) * top * top /
-                           ((n - 1) * k * k * r * r * ratio * ratio + std::pow(n * (1 + (k - 1) * r) - k * r, 2));
+    const double freedom =
+        (k - 1) * (n - 1) * top * top / ((n - 1) * k * k * r * r * ratio * ratio + std::pow(n * (1 + (k - 1) * r) - k * r, 2));
     const double upper = f_quantile(0.975, n - 1, freedom), lower = f_quantile(0.975, freedom, n - 1);
     const double spread = k * judges + (k * n - k - n) * rest;
     out.low = n * (between - upper * rest) / (upper * spread + n * between);

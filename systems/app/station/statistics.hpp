@@ -36,6 +36,6 @@ PowerLaw fit_power_law(std::span<const double> trial, std::span<const double> va
 // Warps the samples of b onto those of a: the monotone path of least summed distance from (0, 0) to (last, last) with steps (1, 0), (0, 1),
 // (1, 1) (Sakoe and Chiba 1978, without slope weights), at most `band` of the longer length beside the diagonal. A sample has `width`
 // numbers. Returns for each sample of a the mean index in b.
-std::vector<double> warp_onto(std::span<const double> a, std::span<const double> b, size_t width, double band = 0.25);
+std::vector<double> warp_onto(std::span<const double> a, std::span<const double> b, size_t width, double band = 0.5);
 
 }  // namespace trocar

@@ -129,7 +129,8 @@ TEST(Metrics, SmoothnessHasNoUnit) {
     const MetricValues slow = score_exercise(exercise_of(sample(3, 1000, [](double t) { return Vec3d(2 * stroke(t / 3)); })), {}).all;
     EXPECT_NEAR(slow.at("ldlj"), one.at("ldlj"), 1e-3 * 5.3);
     EXPECT_NEAR(slow.at("sparc"), one.at("sparc"), 0.01 * 1.5);
-    const MetricValues two = score_exercise(exercise_of(sample(2.4, 1000, [](double t) { return Vec3d(stroke(t) + stroke(t - 1.4)); })), {}).all;
+    const MetricValues two =
+        score_exercise(exercise_of(sample(2.4, 1000, [](double t) { return Vec3d(stroke(t) + stroke(t - 1.4)); })), {}).all;
     EXPECT_LT(two.at("ldlj"), one.at("ldlj") - 1);
     EXPECT_LT(two.at("sparc"), one.at("sparc") - 0.1);
 }
