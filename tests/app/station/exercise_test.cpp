@@ -27,7 +27,7 @@ class ExerciseFiles : public testing::Test {
         fs::remove_all(folder_), fs::create_directories(folder_);
     }
     void TearDown() override { fs::remove_all(folder_); }
-    Outcome run(const std::string& arguments) const { return run_program(arguments, folder_, folder_); }
+    trocar::Outcome run(const std::string& arguments) const { return run_program(arguments, folder_, folder_); }
     fs::path write(const std::string& name, const std::string& text) const {
         std::ofstream(folder_ / name) << text;
         return folder_ / name;
@@ -98,7 +98,7 @@ from = 0.4
 // The same force in every output: that on the hand. Breaks when a picture or a table shows the contact's part of it, which is none here.
 TEST_F(ExerciseFiles, AForceThroughLinksAloneIsShownEverywhere) {
     write("hook.toml", kHook);
-    const Outcome done = run("run hook.toml --out out --no-render --no-player --threads 1");
+    const trocar::Outcome done = run("run hook.toml --out out --no-render --no-player --threads 1");
     ASSERT_EQ(done.code, 0) << done.err;
     const CsvTable passes = read_csv(folder_ / "out" / "passes.csv"), tools = read_csv(folder_ / "out" / "tools.csv");
     const Exercise e = read_run(folder_ / "out");
@@ -157,7 +157,7 @@ TEST_F(ExerciseFiles, AHashThatIsNotExpectedIsTold) {
     EXPECT_EQ(run("run hook.toml --seconds 0.1 --expect-hash " + hash).code, 0);
     std::string other = hash;
     other[15] = other[15] == '0' ? '1' : '0';
-    const Outcome differs = run("run hook.toml --seconds 0.1 --expect-hash " + other);
+    const trocar::Outcome differs = run("run hook.toml --seconds 0.1 --expect-hash " + other);
     EXPECT_EQ(differs.code, 1);
     EXPECT_NE(differs.err.find(hash + ", not " + other), std::string::npos) << differs.err;
     for (const char* bad : {"12", "0123456789abcdeg", "0123456789abcdef0"})
@@ -166,7 +166,7 @@ TEST_F(ExerciseFiles, AHashThatIsNotExpectedIsTold) {
 
 TEST_F(ExerciseFiles, PicturesHaveTheSizeAsked) {
     write("hook.toml", kHook);
-    const Outcome done = run("run hook.toml --seconds 0.05 --out out --no-player --size 320x200");
+    const trocar::Outcome done = run("run hook.toml --seconds 0.05 --out out --no-player --size 320x200");
     ASSERT_EQ(done.code, 0) << done.err;
     std::ifstream png(folder_ / "out" / "frames" / "000000.png", std::ios::binary);
     unsigned char head[24] = {};
@@ -243,7 +243,7 @@ TEST_F(ExerciseFiles, OlderRecordingsAreScored) {
         ASSERT_EQ(phases_of(e).size(), 2u) << name;
         EXPECT_NEAR(phases_of(e)[1].from, 1.01, 1e-9) << name;
     }
-    const Outcome scored = run("score old live --json");
+    const trocar::Outcome scored = run("score old live --json");
     ASSERT_EQ(scored.code, 0) << scored.err;
     EXPECT_EQ(std::ranges::count(scored.out, '\n'), 2);
     for (const char* key : {"time_s", "path_m", "sparc", "ldlj", "peak_force_n"})
@@ -295,7 +295,7 @@ TEST_F(ExerciseFiles, LongRunsAreCompared) {
         fs::create_directories(folder_ / name);
         write(std::string(name) + "/exercise.csv", exercise_csv(e));
     }
-    const Outcome done = run("compare a b --out page.html");
+    const trocar::Outcome done = run("compare a b --out page.html");
     EXPECT_EQ(done.code, 0) << done.err;
     EXPECT_GT(fs::file_size(folder_ / "page.html"), 20000u);
     EXPECT_EQ(run("compare a").code, 2);
