@@ -104,6 +104,7 @@ struct FrameTimes {
     double deepest = 0;              // m, deepest overlap that a round of the pass found
     bool picture = false;            // the end list ran
     std::vector<uint64_t> tick_ns;   // compute time of every haptic tick of the pass, tool by tool
+    std::vector<double> tick_force;  // N, on the hand within limits, of the same ticks
 };
 
 // A world and the stages that its scene needs. Make and use it inside ThreadPool::run; outside it runs on the

@@ -161,7 +161,8 @@ void contact_hook(World& w, FrameState& f) {
 void holding_groups(World& w, FrameState&) { find_holding_groups(w.links, static_cast<uint32_t>(w.bodies.mesh.size()), w.holding_groups); }
 void advance(World& w, FrameState& f) {
     f.times.tick_ns.assign(w.haptics.tool.size() * w.clock.period, 0);
-    FrameTicks ticks{w.clock, w.local_contact, f.scratch.haptic, w.haptics, w.devices, f.times.tick_ns};
+    f.times.tick_force.assign(f.times.tick_ns.size(), 0);
+    FrameTicks ticks{w.clock, w.local_contact, f.scratch.haptic, w.haptics, w.devices, f.times.tick_ns, f.times.tick_force};
     AdvanceIslandsParams params;
     params.island.tick = w.clock.tick;
     params.island.ticks = w.clock.period;

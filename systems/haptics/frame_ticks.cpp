@@ -22,6 +22,7 @@ void run_frame_ticks(void* user, std::span<const uint32_t> bodies, uint32_t ms) 
                   in.scratch[t], state);
         if (tool.hand.mass > 0)
             predict_tool(tool, params.dt, state, sample_of(in.devices.intended, t, ms + 1), sample_of(in.devices.placed, t, ms + 1));
+        in.tick_force[t * in.clock.period + ms] = state.output.force.norm();
         in.tick_ns[t * in.clock.period + ms] = now_ns() - start;
     }
 }

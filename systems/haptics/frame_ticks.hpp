@@ -13,7 +13,8 @@ struct FrameTicks {
     std::span<HapticScratch> scratch;          // per tool
     Haptics& haptics;
     DeviceSamples& devices;
-    std::span<uint64_t> tick_ns;  // compute time of every tick of the pass, tool by tool
+    std::span<uint64_t> tick_ns;   // compute time of every tick of the pass, tool by tool
+    std::span<double> tick_force;  // N, on the hand within limits, of the same ticks
 };
 
 // One millisecond of force rendering for the tools among `bodies`; `user` is a FrameTicks. The computed force moves

@@ -111,8 +111,8 @@ void copy_tools(const Haptics& haptics, PictureSnapshot& out) {
     for (size_t index = 0; index < haptics.state.size(); ++index) {
         const ToolState& state = haptics.state[index];
         const Vec3d proxy = state.proxy_valid ? state.proxy : state.device.position;
-        out.tool.push_back({state.device.position, proxy, haptics.tool[index].tip_radius, state.command.force});
-        out.force = std::max(out.force, state.command.force.norm());
+        out.tool.push_back({state.device.position, proxy, haptics.tool[index].tip_radius, state.output.force});
+        out.force = std::max(out.force, state.output.force.norm());
     }
 }
 

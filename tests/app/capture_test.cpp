@@ -9,6 +9,7 @@
 #include <functional>
 #include <iterator>
 #include <random>
+#include <set>
 #include <sstream>
 
 #include "engine/base/error.hpp"
@@ -16,6 +17,7 @@
 #include "engine/jobs/thread_pool.hpp"
 #include "systems/app/capture/capture_difference.hpp"
 #include "systems/app/capture/capture_export.hpp"
+#include "systems/app/capture/what_if.hpp"
 #include "systems/app/report/run_costs.hpp"
 #include "systems/app/run/live_run.hpp"
 #include "tests/app/quick_scene.hpp"
@@ -140,6 +142,63 @@ TEST(Capture, OfLargeStatesFewAreKept) {
     EXPECT_EQ(kept.stretches.back().steps.back().pass, 84u);
     EXPECT_EQ(replay(kept).difference, "");
     EXPECT_EQ(open_capture(few / "passes_50-51.cap").passes(), 2u) << "a range does not ask what is kept";
+}
+
+// Of passes over the limit the worst ten have a file at the end, whatever their order.
+TEST(Capture, OverKeepsTheWorstTen) {
+    const fs::path folder = captured_run("worst_ten", "over=1.5", 40);
+    std::set<std::string> files, wanted;
+    for (const auto& entry : fs::directory_iterator(folder)) files.insert(entry.path().filename().string());
+    for (const int pass : {12, 13, 14, 15, 16, 29, 30, 31, 32, 33}) wanted.insert("over_" + std::to_string(pass) + ".cap");
+    EXPECT_EQ(files, wanted);
+    EXPECT_EQ(replay(open_capture(folder / "over_33.cap")).difference, "");
+}
+
+// A changed replay is what a run with that change from the start is; one that changes nothing is what was recorded.
+TEST(Capture, WhatIfIsTheRunWithThatChange) {
+    const fs::path folder = captured_run("what_if", "0-30", 32);
+    const Capture capture = open_capture(folder / "passes_0-30.cap");
+    const auto again = [&](const std::vector<Override>& changes) {
+        std::vector<WhatIfPass> passes;
+        ThreadPool pool(2);
+        pool.run([&] { passes = what_if(capture, changes); });
+        return passes;
+    };
+    const std::vector<WhatIfPass> same = again({{"contact.iterations", "2"}});
+    ASSERT_EQ(same.size(), 31u);
+    for (const WhatIfPass& p : same) {
+        EXPECT_TRUE(p.same);
+        EXPECT_EQ(p.depth[0], p.depth[1]);
+        EXPECT_EQ(p.force[0], p.force[1]);
+        EXPECT_EQ(p.contacts[0], p.contacts[1]);
+    }
+    EXPECT_NE(what_if_text(same).find("change nothing"), std::string::npos);
+    const std::vector<WhatIfPass> changed = again({{"contact.iterations", "7"}, {"liver.tissue.damping", "5"}});
+    World w = quick_scene();
+    w.settings.contact.iterations = 7;
+    w.bodies.tissue[0].damping = 5;
+    ASSERT_EQ(w.bodies.name[0], "liver");
+    ThreadPool pool(2);
+    pool.run([&] {
+        Frame frame(std::move(w), {});
+        for (const WhatIfPass& p : changed) {
+            frame.step();
+            EXPECT_EQ(p.depth[1], frame.times().deepest) << p.pass;
+            EXPECT_EQ(p.force[1], frame.world().haptics.state[0].output.force.norm()) << p.pass;
+        }
+    });
+    EXPECT_FALSE(changed.back().same);
+    EXPECT_GT(changed.back().force[1], 0);
+    for (const Override& bad : {Override{"liver.triangles", "9"},
+                                {"contact.iterations", "1.5"},
+                                {"contact.iterations", "0"},
+                                {"nobody.tissue.friction", "1"},
+                                {"contact.share", "weight"},
+                                {"gravity", "1 2"},
+                                {"substep", "nan"},
+                                {"liver.tissue.friction", "-1"},
+                                {"contact", "1"}})
+        EXPECT_THROW(again({bad}), InputError) << bad.key;
 }
 
 // Breaks when `capture info` explains the worst pass by one that was not judged, or lists a stage that did

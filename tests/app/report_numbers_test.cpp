@@ -42,5 +42,19 @@ TEST(ReportNumbers, EveryLineReachesWhereItSays) {
     EXPECT_TRUE(metrics.contains("deepest_residual_m") && metrics.contains("expired_constraints"));
 }
 
+// What contact has not parted is the deepest that the surfaces show in the last tenth of a run, whatever the planes say.
+TEST(ReportNumbers, OverlapLeftIsThatOfTheSurfaces) {
+    RunFigures figures;
+    EXPECT_EQ(overlap_left(figures), 0);
+    for (int k = 0; k < 100; ++k) {
+        PassFigures pass;
+        pass.depth = k < 90 ? 5e-3 : k == 93 ? 4e-4 : 1e-4, pass.residual = 1e-6, pass.pairs = 1;
+        figures.pass.push_back(pass);
+    }
+    EXPECT_EQ(overlap_left(figures), 4e-4);
+    EXPECT_EQ(nlohmann::json::parse(metrics_json(figures))["contact"]["left_m"], 4e-4);
+    EXPECT_NE(report_html(figures, {}).find("0.4 mm</b>"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace trocar

@@ -232,15 +232,27 @@ void FrameRecorder::look_for_triggers(const CaptureStep& step) {
         return true;
     });
     if (step.pass < kFirstJudged) return;
-    if (triggers_.over_ms > 0 && step.frame_ms > triggers_.over_ms && over_ < kMostCaptures) {
-        ++over_;
-        write(kept_, step.pass, format("over %g ms: %.3f ms", triggers_.over_ms, step.frame_ms));
-    }
+    if (triggers_.over_ms > 0 && step.frame_ms > triggers_.over_ms) keep_over(step);
     if (triggers_.worst && step.frame_ms > worst_ms_) {
         worst_ms_ = step.frame_ms;
         worst_pass_ = step.pass;
         worst_ = kept_;  // shares the stretches; written at the end, once it is known to be the worst
     }
+}
+
+// Of the passes over the limit the worst are kept: one that is worse takes the place, and its file, of the least of them.
+void FrameRecorder::keep_over(const CaptureStep& step) {
+    ++over_;
+    if (over_worst_.size() == kMostCaptures) {
+        const auto least = std::ranges::min_element(over_worst_, {}, &OverPass::ms);
+        if (step.frame_ms <= least->ms) return;
+        std::error_code error;
+        std::filesystem::remove(folder_ / least->file, error);
+        std::erase(files_, least->file);
+        over_worst_.erase(least);
+    }
+    write(kept_, step.pass, format("over %g ms: %.3f ms", triggers_.over_ms, step.frame_ms));
+    if (failure_.empty()) over_worst_.push_back({step.frame_ms, files_.back()});
 }
 
 void FrameRecorder::forget() {
@@ -258,7 +270,8 @@ void FrameRecorder::finish() {
         if (last >= pass)
             notes_.push_back(std::to_string(first) + "-" + std::to_string(last) + ": the run ended before pass " + std::to_string(pass));
     }
-    if (over_ == kMostCaptures) notes_.push_back("over: the first " + std::to_string(over_) + " passes are kept");
+    if (over_ > kMostCaptures)
+        notes_.push_back("over: of " + std::to_string(over_) + " passes the worst " + std::to_string(kMostCaptures) + " are kept");
     if (lost_ == kMostCaptures) notes_.push_back("nan: the first " + std::to_string(lost_) + " passes are kept");
     guarded([&] {
         for (OpenRange& range : open_ranges_) range.writer->finish();

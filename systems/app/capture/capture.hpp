@@ -19,7 +19,7 @@ struct CaptureTriggers {
     std::vector<std::array<uint64_t, 2>> ranges;  // contact passes, first and last of each range; may overlap
     bool worst = false;                           // the slowest; `worst` and `over_ms` skip kFirstJudged
                                                   // passes
-    double over_ms = 0;                           // ms, slower passes; 0 = off. At most kMostCaptures
+    double over_ms = 0;                           // ms, slower passes; 0 = off. The worst kMostCaptures
     bool lost = false;                            // particles became non-finite; at most kMostCaptures
     std::vector<std::string> counters;            // counters in Report; each triggers when it first rises
     bool signal = false;                          // SIGUSR1, see CaptureSignal
@@ -102,7 +102,14 @@ class FrameRecorder {
     Kept kept_, worst_;
     double worst_ms_ = 0;
     uint64_t worst_pass_ = 0;
-    uint32_t over_ = 0, lost_ = 0;  // captures written so far, per trigger
+    struct OverPass {
+        double ms = 0;
+        std::string file;
+    };
+    void keep_over(const CaptureStep& step);
+    uint64_t over_ = 0;                 // passes over the limit so far
+    std::vector<OverPass> over_worst_;  // that have a file
+    uint32_t lost_ = 0;                 // captures written so far
     Report report_;
     std::vector<OpenRange> open_ranges_;
     std::vector<std::string> notes_;

@@ -7,6 +7,7 @@
 #include "engine/files/whole_file.hpp"
 #include "systems/app/capture/capture_difference.hpp"
 #include "systems/app/capture/capture_export.hpp"
+#include "systems/app/capture/what_if.hpp"
 #include "systems/app/console/command_pool.hpp"
 #include "systems/app/console/commands.hpp"
 #include "systems/app/console/format.hpp"
@@ -188,6 +189,13 @@ int replay(const ReplayOptions& options, const Capture& capture) {
     return judge_whole(capture, same ? kDone : kNo);
 }
 
+int try_changes(const ReplayOptions& options, const Capture& capture) {
+    const std::vector<WhatIfPass> passes = what_if(capture, options.changes);
+    if (!options.csv.empty()) write_whole_file(options.csv, what_if_csv(passes));
+    write_standard_output(what_if_text(passes));
+    return judge_whole(capture, kDone);
+}
+
 void refuse_same(const std::filesystem::path& a, const std::filesystem::path& b) {
     if (!a.empty() && !b.empty() && std::filesystem::weakly_canonical(a) == std::filesystem::weakly_canonical(b))
         throw InputError("capture export: " + a.string() + " is named twice");
@@ -220,7 +228,8 @@ int capture_export_command(const CaptureExportOptions& options) {
         throw InputError("capture export: choose an output: --vtp FOLDER, --png FOLDER, --trace FILE, --csv FILE or --html FILE");
     if (options.per_body && options.vtp.empty()) throw InputError("capture export: --per-body needs --vtp FOLDER");
     refuse_same(options.csv, options.file), refuse_same(options.trace, options.file), refuse_same(options.csv, options.trace);
-    for (const std::filesystem::path& other : {options.csv, options.trace, std::filesystem::path(options.file)}) refuse_same(options.html, other);
+    for (const std::filesystem::path& other : {options.csv, options.trace, std::filesystem::path(options.file)})
+        refuse_same(options.html, other);
     if (!options.csv.empty()) write_whole_file(options.csv, capture_csv(capture));
     if (!options.trace.empty()) write_whole_file(options.trace, capture_trace(capture));
     set_offscreen_threads(0);
@@ -238,7 +247,11 @@ int replay_command(const ReplayOptions& options) {
     const Capture capture = open_capture(options.file);
     CommandPool pool(options.threads);
     int code = kFault;
-    pool.run([&] { code = options.frame ? profile(options, capture) : replay(options, capture); });
+    pool.run([&] {
+        code = options.frame             ? profile(options, capture)
+               : options.changes.empty() ? replay(options, capture)
+                                         : try_changes(options, capture);
+    });
     return code;
 }
 

@@ -17,6 +17,7 @@
 #include "systems/app/console/command_pool.hpp"
 #include "systems/app/console/commands.hpp"
 #include "systems/app/console/format.hpp"
+#include "systems/app/station/score.hpp"
 
 namespace {
 using namespace trocar;
@@ -48,6 +49,15 @@ void parse_size(const std::string& text, uint32_t& width, uint32_t& height) {
     if (text.find('-') != std::string::npos || std::sscanf(text.c_str(), "%ux%u%c", &width, &height, &end) != 2 || width == 0 ||
         height == 0)
         throw InputError("--size " + text + ": write WIDTHxHEIGHT in pixels, for example --size 1024x768");
+}
+
+// Sixteen hexadecimal digits, in small letters.
+std::string parse_hash(const std::string& text) {
+    std::string hash;
+    for (const char c : text) hash += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    if (hash.size() != 16 || hash.find_first_not_of("0123456789abcdef") != std::string::npos)
+        throw InputError("--expect-hash " + text + ": write the 16 hexadecimal digits of state_hash in metrics.json");
+    return hash;
 }
 
 // Splits arguments into labels and file names: the parser passes everything after --label here.
@@ -103,7 +113,7 @@ void add_run(CLI::App& app, int& code) {
     run->add_option("scene", o->scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
     CLI::Option* seconds =
         run->add_option("--seconds", o->seconds, "Simulated time, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
-    run->add_option("--out", o->out, "Folder for frames/, film, meshes/, metrics.json, trace.json, report.html");
+    run->add_option("--out", o->out, "Folder for frames/, film, meshes/, metrics.json, trace.json, report.html, exercise.json");
     CLI::Option* live = run->add_flag("--live", o->live,
                                       "Run against the real clock: haptics on their own 1 kHz thread, drawing at low priority; with --out "
                                       "also writes live.recording");
@@ -124,12 +134,21 @@ void add_run(CLI::App& app, int& code) {
         ->excludes(seconds);
     run->add_option("--capture", o->capture,
                     "Write captures/*.cap into the folder for: 5-25 (contact passes), worst, over=33 (ms), nan, counter=NAME, "
-                    "usr1; several joined by commas. worst and over ignore the first eight passes, over and nan write at most ten; read "
+                    "usr1; several joined by commas. worst and over ignore the first eight passes, over keeps the worst ten, nan the first "
+                    "ten; read "
                     "them with `trocar capture` and `trocar replay`")
         ->check(CLI::Validator([](const std::string& text) { return std::string(text.empty() ? "it is empty" : ""); }, "TRIGGERS"));
     run->add_flag("--figures-only", o->figures_only, "Write only metrics.json and passes.csv");
     run->add_flag_callback(
         "--no-render", [o] { o->render = false; }, "Draw no pictures");
+    run->add_flag_callback(
+        "--no-exercise", [o] { o->exercise = false; }, "Write no exercise.json and exercise.csv of a scene with tools");
+    run->add_option_function<std::string>(
+        "--size", [o](const std::string& text) { parse_size(text, o->width, o->height); },
+        "Of pictures and film: WIDTHxHEIGHT (default 640x480)");
+    run->add_option_function<std::string>(
+        "--expect-hash", [o](const std::string& text) { o->expected_hash = parse_hash(text); },
+        "State hash, 16 hexadecimal digits, as metrics.json has it: exit code 1 when that of the final state differs");
     run->add_flag_callback(
         "--no-player", [o] { o->player = false; }, "Leave the 3D player out of report.html");
     add_sets(run, o->overrides,
@@ -364,11 +383,24 @@ void add_replay(CLI::App& app, int& code) {
         ->needs(frame);
     replay->add_option("--trace", o->trace, "File to write a trace of the repetitions to")->needs(frame);
     add_threads(replay, o->threads);
-    replay->add_flag("--json", o->json, "JSON");
+    CLI::Option* json = replay->add_flag("--json", o->json, "JSON");
+    const auto take = [o](const std::vector<std::string>& texts) {
+        for (const std::string& text : texts) o->changes.push_back(parse_override(text));
+    };
+    CLI::Option* set =
+        replay
+            ->add_option_function<std::vector<std::string>>(
+                "--set", take,
+                "What if: replay with KEY=VALUE changed and show what comes of it beside what was recorded; repeatable: gravity, "
+                "substep, sleep_speed, sleep_after, keys of [contact] but rate, BODY.tissue.friction, .damping, .restitution")
+            ->excludes(frame)
+            ->excludes(json);
+    replay->add_option("--csv", o->csv, "With --set: file with one line per pass, recorded and changed")->needs(set);
     run_with(replay, code, o, replay_command);
     replay->footer(
         "Example: trocar replay out/captures/worst.cap\n"
         "         trocar replay out/captures/worst.cap --frame 61 --repeat 200\n"
+        "         trocar replay out/captures/worst.cap --set contact.iterations=8 --set liver.tissue.friction=0.3\n"
         "Exit code 1 unless the result is bit-identical; names the first different pass, stage, array and row (with --frame: only\n"
         "whether the pass ends as captured). Also 1 if the capture is incomplete: its readable part is compared.");
 }
@@ -405,6 +437,63 @@ void add_capture(CLI::App& app, int& code) {
         "Example: trocar run kidney_on_liver --out out/k --capture worst,5-25\n"
         "         trocar capture info out/k/captures/*.cap\n"
         "         trocar capture export out/k/captures/worst.cap --vtp out/vtp --csv out/passes.csv");
+}
+
+void add_score_settings(CLI::App* command, ScoreSettings& settings) {
+    command->add_option("--idle-speed", settings.idle_speed, "m/s: a slower tool is idle (default 0.01) ...")->check(CLI::PositiveNumber);
+    command->add_option("--idle-time", settings.idle_time, "s: ... if it lasts (default 0.5)")->check(CLI::NonNegativeNumber);
+    command->add_option("--damage", settings.damage, "ORGAN=N: force above which that organ is damaged; repeatable")
+        ->allow_extra_args(false);
+}
+
+std::string metric_list() {
+    std::string text = "Metrics, smoothed to 10 Hz where they are of motion (definitions and sources: docs/station.md):\n";
+    for (const MetricText& m : tool_metrics())
+        text += "  " + std::string(m.key) + (*m.unit ? std::string(", ") + m.unit : "") + ": " + m.text + "\n";
+    text += "Of each organ that a tool touched or held:\n";
+    for (const MetricText& m : organ_metrics())
+        text += "  " + std::string(m.key) + (*m.unit ? std::string(", ") + m.unit : "") + ": " + m.text + "\n";
+    return text;
+}
+
+void add_score(CLI::App& app, int& code) {
+    const auto o = std::make_shared<ScoreCommandOptions>();
+    CLI::App* score = app.add_subcommand("score", "Metrics of motion and force of runs with tools, from any recording");
+    score->add_option("runs", o->runs, "Folders of runs; or exercise.csv, tools.csv (older runs), live.recording (the device's own space)")
+        ->required();
+    add_score_settings(score, o->settings);
+    score->add_flag("--json", o->json, "JSON; of several runs, one line each");
+    run_with(score, code, o, score_command);
+    score->footer(metric_list() + "Example: trocar run grasp_by_hand --out out/grasp; trocar score out/grasp --damage gallbladder=3");
+}
+
+void add_compare(CLI::App& app, int& code) {
+    const auto o = std::make_shared<CompareOptions>();
+    CLI::App* compare =
+        app.add_subcommand("compare", "Runs beside each other: metrics, curves on one axis, cohort statistics, times of stages");
+    compare->add_option("runs", o->runs, "Folders of runs or their recordings, as for `trocar score`");
+    compare->add_option("--cohort", o->cohort, "CSV with the columns run (path, relative to it) and any of group, subject, trial");
+    compare->add_option("--out", o->out, "HTML page to write; it needs no other file");
+    add_score_settings(compare, o->settings);
+    compare->add_flag("--json", o->json, "Print JSON");
+    run_with(compare, code, o, compare_command);
+    compare->footer(
+        "Example: trocar compare out/before out/after --out out/compare.html\n"
+        "         trocar compare --cohort study.csv --out out/study.html\n"
+        "Two folders: also their times, stage by stage, with a test (Wilcoxon signed-rank over 20 blocks of passes, Holm). Two groups: "
+        "AUC\n"
+        "with a bootstrap interval. Subjects with the same trials: ICC(2,1). Trials: learning curves. Runs are aligned by the events that\n"
+        "begin phases, then by dynamic time warping on tip position and force. docs/station.md");
+}
+
+void add_exercise(CLI::App& app, int& code) {
+    const auto o = std::make_shared<ExerciseOptions>();
+    CLI::App* exercise = app.add_subcommand("exercise", "What a run recorded of its tools: events and phases, or an export");
+    exercise->add_option("run", o->run, "Folder of a run or its recording, as for `trocar score`")->required();
+    exercise->add_option("--mcap", o->mcap, "MCAP file to write: a JSON channel per tool and one of events");
+    exercise->add_option("--csv", o->csv, "exercise.csv to write, for example of an older run");
+    run_with(exercise, code, o, exercise_command);
+    exercise->footer("Example: trocar exercise out/grasp --mcap out/grasp.mcap");
 }
 
 void add_device(CLI::App& app, int& code) {
@@ -455,7 +544,7 @@ void describe(CLI::App& app, int& code) {
     app.require_subcommand(1);
     app.set_help_all_flag("--help-all", "Help of every command");
     for (const auto add : {add_run, add_check, add_query, add_collide, add_convert, add_view, add_organ, add_soak, add_sweep, add_replay,
-                           add_capture, add_device, add_scenes})
+                           add_capture, add_score, add_compare, add_exercise, add_device, add_scenes})
         add(app, code);
 }
 

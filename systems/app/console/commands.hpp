@@ -24,12 +24,15 @@ struct RunOptions {
     std::filesystem::path replay;      // recording of a live run to repeat in lockstep; empty = none
     int view = -1;  // port of the live view; 0 = any free one, -1 = no view
     bool render = true;
-    bool player = true;         // embed the 3D player in report.html
-    uint32_t threads = 0;       // 0 = all cores
-    bool figures_only = false;  // write only metrics.json and passes.csv
-    uint32_t export_every = 0;  // write every body as OBJ with every n-th picture; 0 = only at the end
-    bool json = false;          // print metrics.json to standard output
-    double slow_render_ms = 0;  // live: delays every picture, to show that no other thread waits for drawing
+    bool player = true;              // embed the 3D player in report.html
+    bool exercise = true;            // write exercise.json and exercise.csv of a scene with tools
+    uint32_t width = 0, height = 0;  // of pictures; 0 = the scene's
+    std::string expected_hash;       // sixteen hexadecimal digits: another final state means exit code 1; empty = any
+    uint32_t threads = 0;            // 0 = all cores
+    bool figures_only = false;       // write only metrics.json and passes.csv
+    uint32_t export_every = 0;       // write every body as OBJ with every n-th picture; 0 = only at the end
+    bool json = false;               // print metrics.json to standard output
+    double slow_render_ms = 0;       // live: delays every picture, to show that no other thread waits for drawing
 };
 int run_command(const RunOptions& options);
 
@@ -109,7 +112,9 @@ struct ReplayOptions {
     std::string file;
     std::optional<uint64_t> frame;  // replay only this pass, `repeat` times, to measure it
     uint32_t repeat = 100;
-    std::filesystem::path trace;  // of the repetitions; empty = none
+    std::filesystem::path trace;    // of the repetitions; empty = none
+    std::vector<Override> changes;  // what if: replay with these keys changed
+    std::filesystem::path csv;      // of that, one line per pass; empty = none
     uint32_t threads = 0;
     bool json = false;
 };
@@ -118,7 +123,7 @@ int replay_command(const ReplayOptions& options);
 struct CaptureExportOptions {
     std::string file;
     std::filesystem::path vtp, png, trace, csv, html;  // empty = not written
-    bool per_body = false;                       // applies to vtp
+    bool per_body = false;                             // applies to vtp
     uint32_t threads = 0;
 };
 int capture_export_command(const CaptureExportOptions& options);
@@ -166,6 +171,33 @@ struct SweepOptions {
 };
 // Runs every combination of a sweep that has no result yet and merges all results into one table.
 int sweep_command(const SweepOptions& options);
+
+// How metrics are computed (systems/app/station/score.hpp).
+struct ScoreSettings {
+    double idle_speed = 0.01;         // m/s
+    double idle_time = 0.5;           // s
+    std::vector<std::string> damage;  // ORGAN=N
+};
+struct ScoreCommandOptions {
+    std::vector<std::string> runs;  // folders, or files, see read_run
+    ScoreSettings settings;
+    bool json = false;
+};
+int score_command(const ScoreCommandOptions& options);
+
+struct CompareOptions {
+    std::vector<std::string> runs;
+    std::filesystem::path cohort, out;  // CSV; HTML: empty = print
+    ScoreSettings settings;
+    bool json = false;
+};
+int compare_command(const CompareOptions& options);
+
+struct ExerciseOptions {
+    std::string run;
+    std::filesystem::path mcap, csv;  // empty = not written
+};
+int exercise_command(const ExerciseOptions& options);
 
 // Processor and kernel version.
 std::string machine_text();

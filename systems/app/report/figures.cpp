@@ -212,6 +212,7 @@ std::string metrics_json(const RunFigures& f) {
     }
     j["contact"] = {{"events", c.total.size()},
                     {"max_depth_m", max_depth},
+                    {"left_m", overlap_left(f)},
                     {"max_inside_vertices", quantile(c.inside, 1)},
                     {"total_ms_mean", mean(c.total)},
                     {"total_ms_p99", quantile(c.total, 0.99)},
@@ -266,6 +267,25 @@ std::string passes_csv(const RunFigures& f) {
         each_field(p.energy, [&](const FieldName&, double value) { out += format("%.9g,", value); });
         out += format("%.9g,%u", p.residual, p.awake);
         for (const double coordinate : p.coordinate) out += format(",%.9g", coordinate);
+        out += "\n";
+    }
+    return out;
+}
+
+double overlap_left(const RunFigures& f) {
+    double left = 0;
+    for (size_t k = f.pass.size() - std::min(f.pass.size(), std::max<size_t>(1, f.pass.size() / 10)); k < f.pass.size(); ++k)
+        left = std::max(left, f.pass[k].depth);
+    return left;
+}
+
+std::string stages_csv(const RunFigures& f) {
+    std::string out = "time_s";
+    for (const StageFigures& s : f.stage) out += "," + csv_field(s.name + "_ms");
+    out += "\n";
+    for (size_t i = 0; i < std::min(f.pass.size(), f.pass_stage_ms.size()); ++i) {
+        out += format("%.3f", f.pass[i].time);
+        for (const float ms : f.pass_stage_ms[i]) out += format(",%.5g", static_cast<double>(ms));
         out += "\n";
     }
     return out;

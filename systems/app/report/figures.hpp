@@ -24,8 +24,8 @@ struct PassFigures {
     uint32_t inside_vertices = 0;
     uint32_t contacts = 0;
     uint32_t pairs = 0;              // overlapping pairs
-    double force = 0;                // N, commanded to the hand (largest tool)
-    double contact_force = 0;        // N, mean contact impulse / period on the tool in the hand
+    double force = 0;                // N, on the hand at the end of the pass, within limits (largest tool)
+    double contact_force = 0;        // N, of tissue on a simulated tool, contacts and links, mean over the pass (largest tool)
     Energy energy;                   // most recent values
     double residual = 0;             // m, deepest overlap at the end of the pass
     uint32_t awake = 0;              // movable bodies that were not asleep
@@ -122,7 +122,7 @@ struct RunFigures {
     double bytes_per_body = 0;    // world_bytes / all bodies
     double start_gravity = 0;     // J, potential energy before the first pass
     int stopped_by = 0;           // signal number; 0 = the run completed
-    bool capture_asked = false, meshes_written = false, too_many_meshes = false, recorded = false;
+    bool capture_asked = false, meshes_written = false, too_many_meshes = false, recorded = false, exercise_written = false;
     double capture_s = 0;               // lockstep: time spent on states and hashes for captures
     std::string ruin;                   // why the run has no value; empty = it has
     std::string write_failure;          // first picture or mesh that could not be written; empty = none
@@ -143,6 +143,9 @@ std::string metrics_json(const RunFigures& figures);
 // CSV with one line per contact pass: SI units, and ms where the header says so.
 std::string passes_csv(const RunFigures& figures);
 
+// CSV with one line per contact pass: time_s and the ms of every stage. Live runs keep none.
+std::string stages_csv(const RunFigures& figures);
+
 // Columns over the passes that had contact (the thesis' "collision instances").
 struct ContactColumns {
     std::vector<double> time;      // s
@@ -151,6 +154,10 @@ struct ContactColumns {
     std::vector<double> depth_mm, inside;
 };
 ContactColumns contact_columns(const RunFigures& figures);
+
+// m, deepest overlap that the last tenth of the passes found, each at its start: what contact has not parted. Unlike the residual at the
+// end of a pass, which is measured against the planes of its constraints, it is that of the surfaces.
+double overlap_left(const RunFigures& figures);
 
 // Sixteen hexadecimal digits.
 std::string state_hash_text(const RunFigures& figures);

@@ -61,6 +61,7 @@ std::string head(const RunFigures& f, const ContactColumns& c) {
                       "per contact event on average; 99 % are below " + format("%.3f ms", quantile(c.total, .99)));
         facts += fact(format("%.3f ms", mean(c.response)), "of which for the response");
         facts += fact(format("%.3g mm", quantile(c.depth_mm, 1)), "deepest penetration");
+        facts += fact(format("%.3g mm", 1e3 * overlap_left(f)), "deepest in the last tenth of the run: what contact has not parted");
     }
     if (f.ticks > 0)
         facts += fact(format("%.2f N", f.max_force), "largest force on the hand, in " + std::to_string(f.ticks) + " ticks of 1 ms");
@@ -125,9 +126,13 @@ std::string contact_section(const ContactColumns& c) {
 
 std::string force_note(const RunFigures& f) {
     return std::string(
-               "To the hand: force command to the device at the end of the pass. Of the tissue on the tool: mean of "
-               "the contact impulses over the pass.") +
-           (f.max_force > 0 ? " Largest " + format("%.2f N", f.max_force) + "." : "");
+               "On the hand: what the device is commanded at the end of the pass, within its limits. Of the tissue on the tool: contacts "
+               "and links, mean over the pass.") +
+           (f.max_force > 0
+                ? " Largest on a hand in any tick " + format("%.2f N", f.max_force) +
+                      (f.max_force_wanted > f.max_force * (1 + 1e-9) ? format("; %.2f N were asked for before limits.", f.max_force_wanted)
+                                                                     : ".")
+                : "");
 }
 
 std::string time_section(const RunFigures& f) {
@@ -153,7 +158,7 @@ std::string time_section(const RunFigures& f) {
         cards += card(svg_plot({"Force",
                                 time,
                                 "N",
-                                {{"to the hand", t, passes(&PassFigures::force)},
+                                {{"on the hand", t, passes(&PassFigures::force)},
                                  {"of the tissue on the tool", t, passes(&PassFigures::contact_force)}}}),
                       force_note(f));
     cards += card(svg_plot({"Energy",
@@ -203,8 +208,8 @@ std::string node_section(const RunFigures& f) {
                                  of(NodeEventKind::kLimit) + " times.");
         if (f.ticks > 0)
             cards +=
-                card(svg_plot({f.drive[row].body + ": force to the hand", unit, "N", {{"at the end of a pass", coordinate, force, true}}}),
-                     "Largest force command of all tools at that coordinate, whatever they touched.");
+                card(svg_plot({f.drive[row].body + ": force on the hand", unit, "N", {{"at the end of a pass", coordinate, force, true}}}),
+                     "Largest force on a hand at that coordinate, whatever they touched.");
     }
     return cards.empty() ? "" : section("Buttons, sliders, dials", "", grid(cards));
 }
@@ -282,8 +287,9 @@ std::string html_page(const std::string& title, const std::string& body) {
 
 std::string report_html(const RunFigures& f, const ReportMedia& media) {
     const ContactColumns c = contact_columns(f);
-    return html_page(f.scene, head(f, c) + media.player + media_sections(media) + contact_section(c) + time_section(f) + node_section(f) +
-                                  stage_section(f) + cost_sections(f, media) + haptics_section(f) + trouble_section(f.report));
+    return html_page(f.scene, head(f, c) + media.player + media_sections(media) + media.score + contact_section(c) + time_section(f) +
+                                  node_section(f) + stage_section(f) + cost_sections(f, media) + haptics_section(f) +
+                                  trouble_section(f.report));
 }
 
 }  // namespace trocar

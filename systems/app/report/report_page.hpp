@@ -13,6 +13,7 @@ struct ReportMedia {
     std::string film;                     // empty if there is none
     std::vector<std::string> worst = {};  // pictures of the slowest passes; empty where none was taken
     std::string player = {};              // section with the 3D player; empty if it is left out
+    std::string score = {};               // section about what the hands did; empty if it is left out
 };
 
 // RFC 4648, section 4.

@@ -17,7 +17,7 @@ struct ToolSample {
     Vec3d proxy = Vec3d::Zero();   // m, world: centre of the tip, kept outside the surface
     Vec3d force = Vec3d::Zero();   // N, on the hand
     Vec3d torque = Vec3d::Zero();  // N m, on the hand, about the tip
-    Vec3d tissue = Vec3d::Zero();  // N, tissue on the simulated tool, mean over the pass
+    Vec3d tissue = Vec3d::Zero();  // N, of tissue on the simulated tool, contacts and links, mean over the pass
     uint32_t contacts = 0;         // surface constraints on the proxy
     double grip = 0;               // rad, jaw angle of the device
     double grip_torque = 0;        // N m, on the fingers, mean over the pass

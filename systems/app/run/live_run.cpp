@@ -35,7 +35,7 @@ PassFigures pass_figures(const Frame& frame, double time) {
         p.inside_vertices += w.penetrations.vertices_a_in_b[i] + w.penetrations.vertices_b_in_a[i];
     }
     for (const ToolState& tool : w.haptics.state) {
-        p.force = std::max(p.force, tool.command.force.norm());
+        p.force = std::max(p.force, tool.output.force.norm());
         p.contact_force = std::max(p.contact_force, tool.contact_impulse.norm() / (w.clock.period * 1e-3));
     }
     p.energy = w.energy;
@@ -207,7 +207,7 @@ void first_device_states(World& world) {
 int64_t time_let_go(int64_t behind, int64_t period) { return behind > period ? behind : 0; }
 
 bool run_live(const RunParts& run, LiveRecording* recording) {
-    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player, view] = run;
+    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player, exercise, view] = run;
     World& world = frame.world();
     TickCollector collector(recording);
     collector.begin(world, seconds);
@@ -268,6 +268,7 @@ bool run_live(const RunParts& run, LiveRecording* recording) {
         add_stage_times(frame, figures);
         figures.pass.push_back(pass);
         record_tools(frame, figures.tool_sample);
+        if (exercise) exercise->after_pass(frame);
     }
     figures.wall_s = static_cast<double>(monotonic_ns() - start) * 1e-9;
     figures.stopped_by = static_cast<double>(world.clock.tick) < seconds * 1000 ? stop_signal() : 0;

@@ -6,6 +6,7 @@
 #include "systems/app/report/figures.hpp"
 #include "systems/app/run/live_recording.hpp"
 #include "systems/app/run/run_watch.hpp"
+#include "systems/app/station/exercise.hpp"
 #include "systems/app/view/live_view.hpp"
 #include "systems/frame/frame.hpp"
 namespace trocar {
@@ -31,9 +32,10 @@ struct RunParts {
     PictureWriter* pictures;  // may be null
     FrameRecorder* recorder;  // of captures; may be null
     RunFigures& figures;
-    RunWatch* watch = nullptr;         // may be null
-    PlayerRecorder* player = nullptr;  // may be null
-    LiveView* view = nullptr;          // may be null
+    RunWatch* watch = nullptr;             // may be null
+    PlayerRecorder* player = nullptr;      // may be null
+    ExerciseRecorder* exercise = nullptr;  // may be null
+    LiveView* view = nullptr;              // may be null
 };
 
 // Runs a frame against the real clock: this thread simulates, haptics tick at 1 kHz on their own thread, and a

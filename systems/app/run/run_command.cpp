@@ -35,6 +35,8 @@
 #include "systems/app/report/run_costs.hpp"
 #include "systems/app/run/live_replay.hpp"
 #include "systems/app/run/live_run.hpp"
+#include "systems/app/station/exercise_file.hpp"
+#include "systems/app/station/score_section.hpp"
 #include "systems/frame/frame.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
@@ -137,7 +139,7 @@ void print_warnings(const std::vector<std::string>& warnings) {
 
 // Runs as fast as possible in one deterministic order, freely or following a recorded live run.
 void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
-    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player, view] = run;
+    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player, exercise, view] = run;
     std::map<uint64_t, std::string_view> names;
     CostMeter costs;
     Progress progress(figures.scene);
@@ -176,6 +178,7 @@ void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
         for (const uint64_t ns : frame.times().tick_ns) figures.tick_us.push_back(static_cast<double>(ns) * 1e-3);
         figures.pass.push_back(pass);
         record_tools(frame, figures.tool_sample);
+        if (exercise) exercise->after_pass(frame);
         progress.show(time * 1e3 / end_tick, format("%.2f s simulated, depth %.2f mm, %.2f N", time, pass.depth * 1e3, pass.force));
     }
     figures.wall_s = static_cast<double>(now_ns() - start) * 1e-9;
@@ -194,9 +197,10 @@ void run_recorded(const RunParts& run) {
     std::error_code error;
     fs::remove(file, error);  // left by an earlier run
     LiveRecording recording;
-    if (run_live(run, &recording))
+    if (run_live(run, &recording)) {
         write_live_recording(file, recording), run.figures.recorded = true;
-    else
+        if (run.exercise) run.exercise->add_ticks(recording.tick, recording.slip);
+    } else
         std::fprintf(stderr, "trocar: warning: no recording: the simulation was interrupted for too long\n");
 }
 
@@ -238,10 +242,11 @@ std::string scale_text(const RunFigures& f) {
     all += format(
         "  %llu movable bodies, %.0f awake on average, %u at the end; %.0f contacts; %.0f bytes per body\n"
         "  overlap found by a pass: median %.3g mm, p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n"
-        "  overlap after it: p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n",
+        "  overlap after it, by its planes: p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body; left in the last tenth of "
+        "the run, by the surfaces: %.3g mm\n",
         static_cast<unsigned long long>(f.movable_bodies), awake / passes, f.pass.empty() ? 0 : f.pass.back().awake, contacts / passes,
         f.bytes_per_body, quantile(found, 0.5) * 1e3, quantile(found, 0.99) * 1e3, quantile(found, 1) * 1e3, percent(quantile(found, 1)),
-        quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3, percent(quantile(residual, 1)));
+        quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3, percent(quantile(residual, 1)), overlap_left(f) * 1e3);
     // overlap that is new in a pass; when large in more than a tenth of all passes, it is not a single impact
     std::vector<double> late;
     for (size_t k = 1; k < found.size(); ++k) late.push_back(found[k] - residual[k - 1]);
@@ -307,7 +312,9 @@ std::string ruin_text(const RunFigures& f) {
 std::string files_text(const RunFigures& f, bool figures_only) {
     std::string text = "metrics.json, passes.csv";
     if (!figures_only) text = "report.html, trace.json, " + text;
+    if (!figures_only && !f.pass_stage_ms.empty()) text += ", stages.csv";
     if (!f.tool.empty()) text += ", tools.csv";
+    if (f.exercise_written) text += ", exercise.json, exercise.csv";
     if (f.recorded) text += ", live.recording";
     if (f.meshes_written) text += ", meshes/";
     if (f.too_many_meshes) text += " (not meshes/ of so many bodies: --export-every N writes them)";
@@ -331,7 +338,7 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
     const std::string text = format(
         "%s: %.2f s simulated in %.2f s, built in %.2f s, %u thread%s, %s\n  contact events %zu, %.3f ms mean, %.3f ms p99; "
         "deepest %.2f mm\n"
-        "  haptic ticks %llu, largest force %.2f N; state hash %016llx\n",
+        "  haptic ticks %llu, largest force on the hand %.2f N; state hash %016llx\n",
         f.scene.c_str(), f.simulated_s, f.wall_s, f.build_s, f.threads, f.threads == 1 ? "" : "s", f.instruction_set.c_str(),
         contact.total.size(), mean(contact.total), quantile(contact.total, 0.99), quantile(contact.depth_mm, 1),
         static_cast<unsigned long long>(f.ticks), f.max_force, static_cast<unsigned long long>(f.state_hash));
@@ -376,6 +383,7 @@ void clear_outputs(const fs::path& folder) {
     };
     clear(folder, [](const std::string& name) {
         return name == "report.html" || name == "metrics.json" || name == "passes.csv" || name == "trace.json" || name == "tools.csv" ||
+               name == "stages.csv" || name == "exercise.json" || name == "exercise.csv" ||
                (name.starts_with("force_map_") && name.ends_with(".svg"));
     });
     clear_pictures(folder);
@@ -407,13 +415,26 @@ std::string machine_text() {
 
 namespace {
 
+// Writes exercise.json and exercise.csv; returns the report's section about it.
+std::string write_exercise(const fs::path& folder, Exercise& e, RunFigures& figures) {
+    e.scene = figures.scene, e.version = figures.version, e.state_hash = state_hash_text(figures), e.live = figures.live;
+    if (e.sample.empty()) return "";
+    write_whole_file(folder / "exercise.csv", exercise_csv(e));
+    write_whole_file(folder / "exercise.json", exercise_json(e));
+    figures.exercise_written = true;
+    return score_section(e, score_exercise(e, {}));
+}
+
 // Writes the files of a run into options.out, except pictures and captures, which exist already.
 void write_outputs(const RunOptions& options, Frame& frame, Trace& trace, PictureWriter* pictures, const Camera& camera,
-                   PlayerRecorder* player, RunFigures& figures) {
+                   PlayerRecorder* player, ExerciseRecorder* exercise, RunFigures& figures) {
     write_whole_file(options.out / "passes.csv", passes_csv(figures));
     write_whole_file(options.out / "metrics.json", metrics_json(figures));
     if (!figures.tool.empty()) write_tools(options.out, figures);
     if (options.figures_only) return;
+    std::string score;
+    if (exercise) score = write_exercise(options.out, exercise->exercise(), figures);
+    if (!figures.pass_stage_ms.empty()) write_whole_file(options.out / "stages.csv", stages_csv(figures));
     write_trace(options.out / "trace.json", trace, thread_names());
     figures.too_many_meshes = options.export_every == 0 && too_many_to_export(frame.world());
     if (!figures.too_many_meshes) {
@@ -430,6 +451,7 @@ void write_outputs(const RunOptions& options, Frame& frame, Trace& trace, Pictur
         media.player = player_section(*player, figures.scene, camera);
     else if (options.player)
         media.player = missing_player_section();
+    media.score = score;
     write_whole_file(options.out / "report.html", report_html(figures, media));
 }
 
@@ -448,7 +470,11 @@ int tell_of_run(const RunOptions& options, const RunFigures& figures) {
         return exit_code_of_signal(figures.stopped_by);
     }
     if (!figures.write_failure.empty()) throw InputError(figures.write_failure + "; the figures of the run are complete");
-    return ruin.empty() && figures.replay_difference.empty() && devices_heard ? kDone : kNo;
+    const bool is_expected = options.expected_hash.empty() || options.expected_hash == state_hash_text(figures);
+    if (!is_expected)
+        std::fprintf(stderr, "trocar: the state hash is %s, not %s as expected\n", state_hash_text(figures).c_str(),
+                     options.expected_hash.c_str());
+    return ruin.empty() && figures.replay_difference.empty() && devices_heard && is_expected ? kDone : kNo;
 }
 
 }  // namespace
@@ -498,6 +524,7 @@ int run_command(const RunOptions& options) {
         start_figures(scene, file, frame, options, figures);
         figures.build_s = static_cast<double>(now_ns() - start) * 1e-9;
         std::optional<PictureWriter> pictures;
+        if (options.width > 0) scene.picture.width = options.width, scene.picture.height = options.height;
         if (draws) pictures.emplace(scene.picture, scene.camera, frame.world().meshes, options.out);
         // a view lasts until it is ended
         const double seconds = options.seconds > 0 ? options.seconds : view ? kLongestView : file.settings.seconds;
@@ -509,6 +536,9 @@ int run_command(const RunOptions& options) {
                              static_cast<uint64_t>(std::min(seconds, 1e6) * frame.world().clock.contact_rate));
         std::optional<PlayerRecorder> player;
         if (options.player && has_player() && !options.out.empty() && !options.figures_only) player.emplace(frame);
+        std::optional<ExerciseRecorder> exercise;
+        if (options.exercise && !options.out.empty() && !options.figures_only && !frame.world().haptics.tool.empty())
+            exercise.emplace(frame);
         RunWatch watch(frame.world());
         print_warnings(watch.take_warnings());
         const RunParts run{options,
@@ -519,6 +549,7 @@ int run_command(const RunOptions& options) {
                            figures,
                            &watch,
                            player ? &*player : nullptr,
+                           exercise ? &*exercise : nullptr,
                            view ? &*view : nullptr};
         if (view) view->attach(frame, figures.scene, scene.camera, !options.live);
         if (options.live)
@@ -526,12 +557,13 @@ int run_command(const RunOptions& options) {
         else
             run_lockstep(run, repeat ? &*repeat : nullptr, frame_options.trace);
         if (view && view->take_reset()) return true;
+        if (replay && exercise) exercise->add_ticks(recording.tick, recording.slip);
         if (recorder) finish_captures(*recorder, figures);
         watch.finish(frame.world());
         print_warnings(watch.take_warnings());
         figures.ruin = watch.ruin();
         finish_figures(frame, figures);
-        if (!options.out.empty()) write_outputs(options, frame, trace, run.pictures, scene.camera, run.player, figures);
+        if (!options.out.empty()) write_outputs(options, frame, trace, run.pictures, scene.camera, run.player, run.exercise, figures);
         return false;
     };
     pool.run([&] {

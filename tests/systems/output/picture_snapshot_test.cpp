@@ -63,7 +63,7 @@ TEST(PictureSnapshot, CopiesWitnessesToolsAndTime) {
     scene.haptics.state[0].proxy = {9, 9, 9};  // not valid: must not show
     scene.haptics.state[1].proxy = {4, 5, 6};
     scene.haptics.state[1].proxy_valid = true;
-    scene.haptics.state[1].command.force = {0, 3, 4};
+    scene.haptics.state[1].output.force = {0, 3, 4};
     PictureSnapshot s;
     scene.write(s, 1.25);
     EXPECT_EQ(s.time, 1.25);
