@@ -72,7 +72,7 @@ Vec3d colour_at(const Material& material, Vec2 uv) {
 }
 
 // Three sRGB bytes per vertex: the mean of its triangles' materials and textures there.
-void put_colours(std::vector<uint8_t>& out, const Meshes& meshes, uint32_t mesh) {
+void put_colours(std::vector<uint8_t>& out, const Meshes& meshes, uint32_t mesh, uint32_t vertices) {
     const MeshInfo& info = meshes.info[mesh];
     std::vector<Vec3d> sum(info.vertices.count, Vec3d::Zero());
     std::vector<uint32_t> count(info.vertices.count, 0);
@@ -89,6 +89,19 @@ void put_colours(std::vector<uint8_t>& out, const Meshes& meshes, uint32_t mesh)
     }
     for (size_t v = 0; v < sum.size(); ++v)
         for (const double x : sum[v]) out.push_back(srgb_byte(count[v] > 0 ? x / count[v] : 0.8));
+    // vertices that cuts may add have the mean colour
+    Vec3d all = Vec3d::Zero();
+    double corners = 0;
+    for (size_t v = 0; v < sum.size(); ++v) all += sum[v], corners += count[v];
+    for (size_t v = sum.size(); v < vertices; ++v)
+        for (const double x : all) out.push_back(srgb_byte(corners > 0 ? x / corners : 0.8));
+}
+
+// Vertices of a prototype, with those that cuts may add.
+uint32_t most_vertices(const World& w, uint32_t mesh) {
+    for (const CutBody& cut : w.actions.cut_body)
+        if (w.bodies.mesh[cut.body] == mesh) return cut.vertices.count;
+    return w.meshes.info[mesh].vertices.count;
 }
 
 double opacity_of(const Meshes& meshes, uint32_t mesh) {
@@ -232,14 +245,15 @@ PlayerRecorder::PlayerRecorder(const Frame& frame, bool every_pass, std::span<co
       most_bytes_(most_bytes),
       stages_(frame.stage_names()),
       tools_(frame.world().haptics.tool),
-      order_(frame.world().tears.order) {
+      order_(frame.world().tears.order),
+      cut_(frame.world().action_state.cut.count) {
     const World& w = frame.world();
     origin_ = w.poses.origin.empty() ? Vec3d(Vec3d::Zero()) : w.poses.origin.front();
     std::vector<uint8_t> has_rigid(w.meshes.info.size(), 0);
     for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) {
         const uint32_t mesh = w.bodies.mesh[b];
         const MeshInfo& info = w.meshes.info[mesh];
-        coordinates_.push_back(is_deformable(w.bodies, b) ? 3 * info.vertices.count : 7);
+        coordinates_.push_back(is_deformable(w.bodies, b) ? 3 * most_vertices(w, mesh) : 7);
         bodies_.push_back(
             {w.bodies.name[b], mesh, w.bodies.motion[b], info.admission == Admission::kSheet, step_of(info, is_deformable(w.bodies, b))});
         has_rigid[mesh] |= !is_deformable(w.bodies, b);
@@ -248,7 +262,7 @@ PlayerRecorder::PlayerRecorder(const Frame& frame, bool every_pass, std::span<co
     mesh_count_ = w.meshes.info.size();
     for (uint32_t m = 0; m < mesh_count_; ++m) {
         const MeshInfo& info = w.meshes.info[m];
-        put_number(meshes_, info.vertices.count), put_number(meshes_, has_rigid[m]);
+        put_number(meshes_, most_vertices(w, m)), put_number(meshes_, has_rigid[m]);
         const double step = step_of(info, false);
         put_double(meshes_, step), put_float(meshes_, opacity_of(w.meshes, m));
         std::array<int32_t, 3> before{};
@@ -259,7 +273,7 @@ PlayerRecorder::PlayerRecorder(const Frame& frame, bool every_pass, std::span<co
             }
         }
         put_triangles(meshes_, std::span(w.meshes.triangle).subspan(info.triangles.first, info.triangles.count));
-        put_colours(meshes_, w.meshes, m);
+        put_colours(meshes_, w.meshes, m, most_vertices(w, m));
     }
     record(frame, stage_ns);
 }
@@ -334,6 +348,14 @@ void PlayerRecorder::add_surfaces(const World& w, PlayerFrame& out) {
         put_triangles(out.surfaces, std::span(w.meshes.triangle).subspan(triangles.first, triangles.count));
     }
     order_ = w.tears.order;
+    for (size_t i = 0; i < cut_.size(); ++i) {
+        if (cut_[i] == w.action_state.cut.count[i]) continue;
+        const uint32_t body = w.actions.cut_body[i].body;
+        const Range triangles = w.meshes.info[w.bodies.mesh[body]].triangles;
+        put_number(out.surfaces, body + 1);
+        put_triangles(out.surfaces, std::span(w.meshes.triangle).subspan(triangles.first, triangles.count));
+    }
+    cut_ = w.action_state.cut.count;
 }
 
 // Joins frame `index` and the next one into the next one; false if there is none.

@@ -82,6 +82,7 @@ class PlayerRecorder {
     std::vector<HandTool> tools_;
     std::vector<int32_t> last_;    // coordinates of all bodies in the newest frame
     std::vector<uint32_t> order_;  // of torn triangles, as in Tears
+    std::vector<std::array<uint32_t, 2>> cut_;  // as CutSurfaces::count, of the last frame
     size_t mesh_count_ = 0;
     std::vector<uint8_t> meshes_;  // coded: shapes, triangles, colours
     std::vector<PlayerFrame> frames_;
