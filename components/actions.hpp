@@ -34,11 +34,11 @@ struct ToolAction {
     Vec3d point = Vec3d::Zero();  // m, frame of the tool's body: where it acts; of a cut one end of the edge
     Vec3d edge = Vec3d::Zero();   // m, frame of the tool's body: the other end of the edge
     // staples
-    double reach = 0.01;                                         // m, farthest surface from the point
-    double press = 0;                                            // N, of contact that it takes at least
-    double stiffness = 0;                                        // N/m; 0 = four times the springs of what it holds
-    double pull_out = std::numeric_limits<double>::infinity();   // N, that a staple bears
-    uint32_t magazine = 20;                                      // staples that there are
+    double reach = 0.01;                                        // m, farthest surface from the point
+    double press = 0;                                           // N, of contact that it takes at least
+    double stiffness = 0;                                       // N/m; 0 = four times the springs of what it holds
+    double pull_out = std::numeric_limits<double>::infinity();  // N, that a staple bears
+    uint32_t magazine = 20;                                     // staples that there are
     // cuts
     double toughness = 0;  // J/m^2, work per area of the new surface, Gc
     TROCAR_FIELDS(tool, "index of tools", kind, when, buttons, grip, "rad", force, "N", times, "range of action times", point, "m", edge,
@@ -48,13 +48,13 @@ struct ToolAction {
 // A shell or sheet that instruments may cut; its prototype is not shared, and has elements reserved at load.
 struct CutBody {
     uint32_t body = kNone;
-    Range vertices;       // of CutSurfaces::position and goal: those reserved; as many elements of the prototype
-    Range triangles;      // of CutSurfaces::triangle, uv and material, likewise
-    uint32_t edges = 0;   // reserved elements of the prototype
-    uint32_t columns = 0; // reserved columns of its springs
-    double thickness = 0; // m, height of the new surface on each side of a cut
-    double edge = 0;      // m, mean edge at load
-    double lightest = 0;  // 1/m^2, largest number of springs at a vertex at load / its area: springs of a smaller one are softened
+    Range vertices;        // of CutSurfaces::position and goal: those reserved; as many elements of the prototype
+    Range triangles;       // of CutSurfaces::triangle, uv and material, likewise
+    uint32_t edges = 0;    // reserved elements of the prototype
+    uint32_t columns = 0;  // reserved columns of its springs
+    double thickness = 0;  // m, height of the new surface on each side of a cut
+    double edge = 0;       // m, mean edge at load
+    double lightest = 0;   // 1/m^2, largest number of springs at a vertex at load / its area: springs of a smaller one are softened
     Admission whole = Admission::kSheet;  // of the surface at load
     TROCAR_FIELDS(body, "index of bodies", vertices, "range of cut vertices", triangles, "range of cut triangles", edges, columns,
                   thickness, "m", edge, "m", lightest, "1/m^2", whole);
@@ -63,8 +63,8 @@ struct CutBody {
 // Constant after load.
 struct Actions {
     std::vector<ToolAction> action;
-    std::vector<double> time;        // s, ascending within an action
-    std::vector<CutBody> cut_body;   // ascending by body
+    std::vector<double> time;                   // s, ascending within an action
+    std::vector<CutBody> cut_body;              // ascending by body
     std::vector<std::array<uint32_t, 2>> cuts;  // index into action, index into cut_body: what each edge cuts
     TROCAR_FIELDS(action, time, "s", cut_body, cuts);
 };
@@ -85,14 +85,15 @@ struct ActionProgress {
     bool swept = false;          // the edge was moved in the last pass, from
     Vec3d from = Vec3d::Zero();  // m, world: point
     Vec3d from_edge = Vec3d::Zero();
-    TROCAR_FIELDS(on, next, done, misfires, pulled_out, largest_force, "N", refused, area, "m^2", work, "J", owed, "J", stroke, swept, from, "m", from_edge, "m");
+    TROCAR_FIELDS(on, next, done, misfires, pulled_out, largest_force, "N", refused, area, "m^2", work, "J", owed, "J", stroke, swept, from,
+                  "m", from_edge, "m");
 };
 
 // A staple that an action set.
 struct ToolStaple {
     uint32_t action = 0;
-    Entity group;                // of links
-    Vec3d across{1, 0, 0};       // unit, world, of its crown when it was set
+    Entity group;           // of links
+    Vec3d across{1, 0, 0};  // unit, world, of its crown when it was set
     TROCAR_FIELDS(action, "index of actions", group, across);
 };
 

@@ -11,7 +11,7 @@ ActionKind read_kind(TomlSection& section) {
     if (kind == "staple") return ActionKind::kStaple;
     if (kind == "cut") return ActionKind::kCut;
     const bool unfinished = kind == "grasp" || kind == "cauterise" || kind == "suture";
-    section.fail(kind.empty()  ? "a [[tool.action]] needs a kind: staple, cut"
+    section.fail(kind.empty() ? "a [[tool.action]] needs a kind: staple, cut"
                  : unfinished ? "kind \"" + kind + "\" is not there yet; there are staple, cut"
                               : "kind \"" + kind + "\" is none of staple, cut");
 }

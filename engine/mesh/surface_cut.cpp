@@ -21,7 +21,8 @@ double crossing_along(const Vec3d& p, const Vec3d& q, const Vec3d& a, const Vec3
     constexpr double kNo = std::numeric_limits<double>::quiet_NaN();
     const double at_p = six_volume(a, b, c, p), at_q = six_volume(a, b, c, q);
     if (is_on_positive_side(at_p) == is_on_positive_side(at_q)) return kNo;
-    const bool ab = is_on_positive_side(six_volume(p, q, a, b)), bc = is_on_positive_side(six_volume(p, q, b, c)), ca = is_on_positive_side(six_volume(p, q, c, a));
+    const bool ab = is_on_positive_side(six_volume(p, q, a, b)), bc = is_on_positive_side(six_volume(p, q, b, c)),
+               ca = is_on_positive_side(six_volume(p, q, c, a));
     if (ab != bc || bc != ca) return kNo;
     return at_p / (at_p - at_q);
 }
@@ -126,7 +127,8 @@ class Splitter {
         const auto at = [&](int k) { return corner[(first + k) % 3]; };
         const auto mid = [&](int k) { return middle[(first + k) % 3]; };
         from_ = t, taken_ = false;
-        for (int k = 0; k < 3; ++k) corner_[k] = at(k), middle_[k] = mid(k), along_[k] = along[(first + k) % 3], uv_[k] = mesh_.uv[t][(first + k) % 3];
+        for (int k = 0; k < 3; ++k)
+            corner_[k] = at(k), middle_[k] = mid(k), along_[k] = along[(first + k) % 3], uv_[k] = mesh_.uv[t][(first + k) % 3];
         if (count == 1) {
             add({at(0), mid(0), at(2)}), add({mid(0), at(1), at(2)});
         } else if (count == 2) {
@@ -176,8 +178,8 @@ class Splitter {
 
 // Triangles around some vertices.
 struct Around {
-    std::vector<uint32_t> vertex;                             // ascending
-    std::vector<std::vector<uint32_t>> triangle;              // per element of vertex, ascending
+    std::vector<uint32_t> vertex;                 // ascending
+    std::vector<std::vector<uint32_t>> triangle;  // per element of vertex, ascending
     const std::vector<uint32_t>& of(uint32_t v) const {
         return triangle[static_cast<size_t>(std::lower_bound(vertex.begin(), vertex.end(), v) - vertex.begin())];
     }

@@ -41,8 +41,8 @@ struct CutVertex {
 };
 
 struct CutResult {
-    double length = 0;    // m, at rest, of the edges that became slits
-    bool refused = false; // there was not enough room for all of the cut: nothing was changed
+    double length = 0;     // m, at rest, of the edges that became slits
+    bool refused = false;  // there was not enough room for all of the cut: nothing was changed
 };
 
 // Makes the cut of one sweep. made: one element per new vertex, in their order. Triangles keep their numbers, their

@@ -150,8 +150,8 @@ void add_cut_body(const CutRoom& room, uint32_t columns, uint32_t body, const Me
         if (share > 0) limits.lightest = std::max(limits.lightest, degree[v] / share);
     }
     // Gershgorin: 2 sum k / m and the anchors, of the vertex with most springs for its area; no cut makes another one worse
-    const double area_mass = info.admission == Admission::kSheet ? tissue.density * limits.thickness
-                                                                 : tissue.density * std::abs(info.volume) / info.area;
+    const double area_mass =
+        info.admission == Admission::kSheet ? tissue.density * limits.thickness : tissue.density * std::abs(info.volume) / info.area;
     const double omega2 = (2 * double{bodies.spring_stiffness[body]} * limits.lightest + tissue.youngs_modulus / tissue.depth) / area_mass;
     const double damping = tissue.damping;
     bodies.stable_dt[body] =

@@ -35,10 +35,10 @@ struct PictureInputs {
     const SpawnState* spawning = nullptr;   // empty slots are not drawn; or null
     const NodeState* node_state = nullptr;  // nor are bodies of disabled nodes; or null
     std::span<const PicturePoints> points = {};
-    const Links* links = nullptr;            // of the staples; or null
-    const Actions* actions = nullptr;          // which bodies instruments may cut; or null
-    const ActionState* action_state = nullptr; // with it
-    const Solids* solids = nullptr;          // to find the nodes of the links; or null
+    const Links* links = nullptr;               // of the staples; or null
+    const Actions* actions = nullptr;           // which bodies instruments may cut; or null
+    const ActionState* action_state = nullptr;  // with it
+    const Solids* solids = nullptr;             // to find the nodes of the links; or null
 };
 
 // Copies what a picture shows into `out`, whose capacity is reused. A vertex gets the deepest of its

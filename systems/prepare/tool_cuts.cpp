@@ -70,7 +70,8 @@ void place_new(const CutWorld& w, uint32_t body, uint32_t old, std::span<const C
     for (size_t i = 0; i < made.size(); ++i) {
         const uint32_t to = first + old + static_cast<uint32_t>(i), a = first + made[i].a, b = first + made[i].b;
         const auto between = [&](float from, float end) { return static_cast<float>(from + made[i].along * (double{end} - double{from})); };
-        p.offset[to] = {between(p.offset[a].x, p.offset[b].x), between(p.offset[a].y, p.offset[b].y), between(p.offset[a].z, p.offset[b].z), 0.0f};
+        p.offset[to] = {between(p.offset[a].x, p.offset[b].x), between(p.offset[a].y, p.offset[b].y), between(p.offset[a].z, p.offset[b].z),
+                        0.0f};
         for (auto* field : {&p.velocity_x, &p.velocity_y, &p.velocity_z}) (*field)[to] = between((*field)[a], (*field)[b]);
     }
 }

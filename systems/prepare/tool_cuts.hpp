@@ -15,10 +15,10 @@ struct CutWorld {
     const Bodies& bodies;
     const Actions& actions;
     std::span<const HandTool> tools;
-    Vec3d gravity;          // m/s^2
-    double period = 0;      // s, of the pass
-    bool links = false;     // the frame notes the forces of links on the tools
-    Poses& poses;           // velocities of the tools
+    Vec3d gravity;       // m/s^2
+    double period = 0;   // s, of the pass
+    bool links = false;  // the frame notes the forces of links on the tools
+    Poses& poses;        // velocities of the tools
     Particles& particles;
     Meshes& meshes;
     Springs& springs;

@@ -1,8 +1,9 @@
 // What instruments do when their hands tell them to: triggers, staples, their strength.
+#include "systems/prepare/tool_actions.hpp"
+
 #include <gtest/gtest.h>
 
 #include "frame/written_scene.hpp"
-#include "systems/prepare/tool_actions.hpp"
 namespace trocar {
 namespace {
 
@@ -59,8 +60,9 @@ struct Shot {
     explicit Shot(const std::string& action) : w(std::move(WrittenScene("actions", stapling(action)).build().world)) {}
     // One pass at a time (s), with the hand's state as it is.
     const ActionProgress& pass(double now = 0) {
-        const ActionPass p{now, {surfaces_of(w), w.solids, w.trees}, w.haptics.tool, w.haptics.jaw, w.haptics.state, w.actions,
-                           &w.spawning, &w.node_state};
+        const ActionPass p{
+            now,          {surfaces_of(w), w.solids, w.trees}, w.haptics.tool, w.haptics.jaw, w.haptics.state, w.actions, &w.spawning,
+            &w.node_state};
         act(p, scratch, w.action_state, w.links, w.sleep, w.energy);
         return w.action_state.progress[0];
     }
@@ -128,7 +130,8 @@ TEST(ToolActions, MisfiresAreCounted) {
 // energy leaves unseen.
 TEST(ToolActions, AStapleIsPulledOutAtItsForce) {
     for (const double bears : {0.1, 0.25}) {
-        const WrittenScene scene("pull_out", stapling("kind = \"staple\"\nat = [0.1]\nstiffness = 100.0\npull_out = " + std::to_string(bears)));
+        const WrittenScene scene("pull_out",
+                                 stapling("kind = \"staple\"\nat = [0.1]\nstiffness = 100.0\npull_out = " + std::to_string(bears)));
         uint64_t pulled = 0;
         size_t rods_before = 0, rods_after = 1;
         double force = 0, freed = 0, entered = 0, balance = 1, before = 0;

@@ -115,8 +115,8 @@ TEST(ToolCuts, WhatCannotBeCutIsRefused) {
         }
         return "";
     };
-    for (const auto& [key, value] : {std::pair{"mesh.break_strain", "0.5"}, {"mesh.tissue.bending", "1.0"}, {"mesh.integrator", "implicit"},
-                                     {"mesh.skin", "true"}})
+    for (const auto& [key, value] :
+         {std::pair{"mesh.break_strain", "0.5"}, {"mesh.tissue.bending", "1.0"}, {"mesh.integrator", "implicit"}, {"mesh.skin", "true"}})
         EXPECT_NE(error({key, value}).find("instruments cannot cut it"), std::string::npos) << key << ": " << error({key, value});
 }
 

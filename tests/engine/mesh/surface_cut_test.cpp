@@ -51,10 +51,10 @@ double cut_area(const CutMesh& m) {
 
 // What a flat surface without handles is made of.
 struct Census {
-    std::string fault;                   // not a manifold with consistent orientation
-    int64_t euler = 0;                   // vertices - edges + triangles
-    int64_t pieces = 0, rims = 0;        // connected parts, closed loops of rim edges
-    double least_edge = 1e300;           // m, at rest
+    std::string fault;             // not a manifold with consistent orientation
+    int64_t euler = 0;             // vertices - edges + triangles
+    int64_t pieces = 0, rims = 0;  // connected parts, closed loops of rim edges
+    double least_edge = 1e300;     // m, at rest
 };
 
 Census take_census(const CutMesh& m) {
