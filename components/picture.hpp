@@ -60,6 +60,14 @@ struct PicturePoint {
     TROCAR_FIELDS(position, "m", radius, "m", colour);
 };
 
+// A rod between two points, with round ends.
+struct PictureRod {
+    Vec3d from = Vec3d::Zero(), to = Vec3d::Zero();  // m, world
+    double radius = 0;                               // m
+    std::array<float, 3> colour{};                   // linear
+    TROCAR_FIELDS(from, "m", to, "m", radius, "m", colour);
+};
+
 // Everything that a picture shows, copied once, so that the renderer never reads World. Immutable once
 // published. Float positions are relative to each body's double-precision origin, so distance from the world
 // origin costs no accuracy.
@@ -75,9 +83,10 @@ struct PictureSnapshot {
     std::vector<PictureWitness> witness;
     std::vector<PictureTool> tool;
     std::vector<PicturePoint> point;
+    std::vector<PictureRod> rod;  // staples
     double depth = 0;  // m, deepest penetration; 0 when nothing overlaps
     double force = 0;  // N, largest force commanded to a hand
-    TROCAR_FIELDS(number, time, "s", body, position, "m", normal, contact_depth, "m", removed, exposed, witness, tool, point, depth, "m",
+    TROCAR_FIELDS(number, time, "s", body, position, "m", normal, contact_depth, "m", removed, exposed, witness, tool, point, rod, depth, "m",
                   force, "N");
 };
 

@@ -209,6 +209,7 @@ BodySpec read_body(TomlSection section) {
     body.path = read_path(section, "path");
     section.read("apart", body.apart);
     section.read("break_strain", body.break_strain, 1e-9, 1e12);
+    section.read_count("cut_capacity", body.cut_capacity, 0, 1e6);
     section.read_list("group", body.groups, read_group);
     section.read_list("region", body.regions, read_tissue_region);
     section.read_table("haptic", body.haptic, [&](TomlSection inner) { return read_surface(inner, body.motion); });

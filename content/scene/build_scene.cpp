@@ -10,6 +10,7 @@
 #include "content/mend/clean_mesh.hpp"
 #include "content/mend/unit_guess.hpp"
 #include "content/read/load_mesh.hpp"
+#include "content/scene/build_actions.hpp"
 #include "content/scene/build_links.hpp"
 #include "content/scene/build_nodes.hpp"
 #include "content/scene/find_body.hpp"
@@ -27,6 +28,7 @@
 #include "engine/mesh/mass_properties.hpp"
 #include "engine/mesh/mesh_topology.hpp"
 #include "engine/tissue/bending_forces.hpp"
+#include "engine/tissue/cut_setup.hpp"
 #include "engine/tissue/deformable_setup.hpp"
 #include "engine/tissue/embedded_surface.hpp"
 #include "engine/tissue/links.hpp"
@@ -362,8 +364,32 @@ bool may_tear(const SceneFile& scene, const BodySpec& spec) {
     return spec.motion == Motion::kDeformable && (cut || std::isfinite(spec.break_strain));
 }
 
+// Elements of a shell or sheet that instruments cut; none for other bodies.
+CutRoom cut_room(const SceneFile& scene, const BodySpec& spec, const MeshInfo& info) {
+    if (!is_cut_by_tools(scene, spec.name)) return {};
+    return room_for_cuts(info, spec.cut_capacity > 0 ? spec.cut_capacity : info.triangles.count);
+}
+
+void check_cut_by_tools(const SceneFile& scene, const BodySpec& spec) {
+    if (!is_cut_by_tools(scene, spec.name)) return;
+    const auto fail = [&](const std::string& why) { refuse_body(scene, spec, "instruments cannot cut it: " + why); };
+    if (spec.motion != Motion::kDeformable) fail("it is not deformable");
+    if (spec.solid || spec.skin) fail("they cut shells and sheets, not solids and skins");
+    if (may_tear(scene, spec)) fail("it may tear (break_strain, [[cut]])");
+    if (spec.tissue.pressure_modulus > 0 || spec.tissue.bending > 0) fail("set pressure_modulus and bending to 0");
+    if (!spec.regions.empty()) fail("its tissue is not the same everywhere ([[body.region]])");
+    if (spec.integrator == "implicit") fail("it is stepped by backward Euler; take integrator = \"leapfrog\"");
+    if (spec.scatter.asked) fail("it is one of many copies");
+}
+
 Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
-    if (spec.motion != Motion::kDeformable || (!spec.solid && !spec.skin)) return make_prototype(world.meshes, std::move(mesh), options);
+    check_cut_by_tools(scene, spec);
+    if (spec.motion != Motion::kDeformable || (!spec.solid && !spec.skin)) {
+        Prototype plain = make_prototype(world.meshes, std::move(mesh), options);
+        const CutRoom room = plain.row == kNone ? CutRoom{} : cut_room(scene, spec, world.meshes.info[plain.row]);
+        if (room.vertices > 0) keep_cut_room(room, world.meshes);
+        return plain;
+    }
     if (spec.solid && (spec.tissue.pressure_modulus > 0 || spec.tissue.bending > 0))
         refuse_body(scene, spec, "pressure_modulus and bending are for shells, not for solids");
     if (!spec.solid && may_tear(scene, spec))
@@ -386,7 +412,7 @@ Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, Worl
 // Two bodies with equal keys share a prototype.
 auto key_of(const SceneFile& scene, const BodySpec& spec) {
     const bool caged = spec.skin && !spec.solid, swells = spec.tissue.pressure_modulus > 0, bends = spec.tissue.bending > 0;
-    const std::string own = may_tear(scene, spec) || !spec.regions.empty() ? spec.name : "";  // not to be shared
+    const std::string own = may_tear(scene, spec) || !spec.regions.empty() || is_cut_by_tools(scene, spec.name) ? spec.name : "";  // not to be shared
     return std::tuple(own, spec.file, spec.shape, spec.triangles, spec.seed, spec.scale, spec.size, spec.cells, spec.spacing, spec.color,
                       spec.motion == Motion::kDeformable, spec.solid, spec.skin, caged && swells, caged && bends);
 }
@@ -511,7 +537,16 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     }
     if (spec.motion == Motion::kKinematic) add_path(world.paths, body, spec.path);
     if (spec.motion == Motion::kDeformable) {
+        const CutRoom room = cut_room(scene, spec, world.meshes.info[prototype.row]);
+        uint32_t columns = 0;
+        if (room.vertices > 0) {
+            add_springs(world.springs, world.meshes, prototype.row);
+            columns = widen_springs(room, prototype.row, world.springs);
+        }
         make_deformable(world, body, spec.fixed_below);
+        if (room.vertices > 0)
+            add_cut_body(room, columns, body, world.meshes, world.springs, world.anchors, world.bodies, world.actions,
+                         world.action_state.cut);
         if (!spec.regions.empty()) add_tissue_regions(scene, spec, world, body);
         if (may_tear(scene, spec)) let_tear(world, body, spec.break_strain);
         choose_stepping(scene, spec, world, body);
@@ -544,6 +579,7 @@ BuiltScene build_scene(const SceneFile& given, Looks looks) {
     add_scene_nodes(scene, world);
     if (!world.haptics.jaw.empty()) keep_jaws_apart(world);
     add_scene_links(scene, world);
+    add_scene_actions(scene, world);
     for (uint32_t body = 0; body < world.links.stable_dt.size(); ++body)
         if (world.links.stable_dt[body] < kLeastStep)
             refuse(scene, 1,

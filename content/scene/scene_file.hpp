@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "components/actions.hpp"
 #include "components/bodies.hpp"
 #include "components/device.hpp"
 #include "components/hand_model.hpp"
@@ -53,6 +54,7 @@ struct BodySpec {
     std::vector<std::string> apart;                                 // bodies excluded from collision
     std::array<float, 3> color{-1, -1, -1};                         // overrides the material's diffuse colour
     double break_strain = std::numeric_limits<double>::infinity();  // springs break above this strain
+    uint32_t cut_capacity = 0;                                      // triangles that cuts may add; 0 = as many as there are
     std::vector<GroupSpec> groups;
     std::vector<TissueRegionSpec> regions;
     HapticSurface haptic;  // body < kNone: it has haptic surface properties of its own
@@ -65,6 +67,15 @@ struct JawSpec {
     uint32_t line = 0;
     std::string body;
     ToolJaw jaw;  // its body is set when it is built
+};
+
+// One [[tool.action]]: what an instrument does when its hand tells it to.
+struct ActionSpec {
+    uint32_t line = 0;
+    ToolAction action;                // its tool and times are set when it is built
+    bool point_given = false;         // false: the tool's tip
+    std::vector<double> at;           // s
+    std::vector<std::string> bodies;  // that a cut parts
 };
 
 // One [[tool]]: a device that drives a hand body.
@@ -82,6 +93,7 @@ struct ToolSpec {
     std::vector<HapticEffect> effects;
     std::vector<ToolExchangeSpec> exchanges;
     std::vector<JawSpec> jaws;
+    std::vector<ActionSpec> actions;
 };
 
 // One entry of [parameters]: other keys use its value by writing "$name"; --set name=value changes it.

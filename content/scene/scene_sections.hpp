@@ -13,6 +13,7 @@ TissueRegionSpec read_tissue_region(TomlSection section);
 LinkSpec read_link(TomlSection section);
 LinkSpec read_staple(TomlSection section);
 CutSpec read_cut(TomlSection section);
+ActionSpec read_action(TomlSection section);
 NodeSpec read_node(TomlSection section);
 
 // Removes [parameters] from the scene and inserts their values wherever other keys name them.

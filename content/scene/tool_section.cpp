@@ -163,6 +163,7 @@ void read_tool_tables(TomlSection& section, ToolSpec& tool) {
     section.read_list("exchange", tool.exchanges, read_exchange);
     section.read_list("jaw", tool.jaws, read_jaw);
     section.read_list("effect", tool.effects, read_effect);
+    section.read_list("action", tool.actions, read_action);
     if (tool.effects.size() > kMaxEffects)
         section.fail("tool \"" + tool.body + "\" has " + std::to_string(tool.effects.size()) + " effects; the most is " +
                      std::to_string(kMaxEffects));

@@ -34,6 +34,7 @@ struct StaticMesh {
 struct BodyBuffers {
     uint32_t mesh = kNone;
     bool rigid = false;
+    bool grown = false;    // it has vertices that the prototype did not have at load: see upload_grown
     bool damaged = false;  // some vertex is not finite: draw the triangles in `patched` only
     GLuint array = 0;
     Buffer vertex, depth, patched;
@@ -201,6 +202,20 @@ void add_exposed(const RenderMesh& mesh, const RenderVertex* row, std::span<cons
     groups.push_back(group);
 }
 
+// The edges of triangles whose corners are elements themselves, each once.
+std::vector<uint32_t> edges_between(std::span<const uint32_t> index) {
+    std::vector<std::array<uint32_t, 2>> edge;
+    for (size_t i = 0; i < index.size(); ++i) {
+        const uint32_t a = index[i], b = index[i - i % 3 + (i + 1) % 3];
+        edge.push_back({std::min(a, b), std::max(a, b)});
+    }
+    std::sort(edge.begin(), edge.end());
+    edge.erase(std::unique(edge.begin(), edge.end()), edge.end());
+    std::vector<uint32_t> line;
+    for (const auto& e : edge) line.insert(line.end(), e.begin(), e.end());
+    return line;
+}
+
 // The edges of triangles, each once, also at the seams of a texture, where a vertex has several elements.
 std::vector<uint32_t> edges_of(const RenderMesh& mesh, std::span<const uint32_t> index) {
     std::vector<std::array<uint32_t, 2>> edge;
@@ -324,6 +339,7 @@ struct GlRenderer::Impl {
     void make_body(BodyBuffers& buffers, uint32_t mesh, bool is_rigid);
     void upload_shape(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires);
     void upload_patched(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires);
+    void upload_grown(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires);
     void upload_depths(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from);
     const Program& use_surface_program(uint32_t variant, const PictureParams& params, const View& view);
     void set_pose(const Program& p, const View& view, const Matrix4& pose);
@@ -408,7 +424,7 @@ void GlRenderer::Impl::make_body(BodyBuffers& buffers, uint32_t mesh, bool is_ri
     const StaticMesh& shape = static_mesh(mesh, is_rigid);
     buffers.mesh = mesh;
     buffers.rigid = is_rigid;
-    buffers.damaged = false;
+    buffers.damaged = buffers.grown = false;
     if (!buffers.array) glGenVertexArrays(1, &buffers.array);
     glBindVertexArray(buffers.array);
     if (is_rigid) {
@@ -426,6 +442,8 @@ void GlRenderer::Impl::make_body(BodyBuffers& buffers, uint32_t mesh, bool is_ri
 
 void GlRenderer::Impl::upload_shape(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires) {
     const RenderMesh& mesh = static_mesh(from.mesh, false).mesh;
+    if (from.vertices.count > mesh.inside.size() && from.exposed.count > 0) return upload_grown(buffers, snapshot, from, wires);
+    if (buffers.grown) make_body(buffers, from.mesh, false);
     const Vec3* position = snapshot.position.data() + from.vertices.first;
     const Vec3* normal = snapshot.normal.data() + from.vertices.first;
     const uint32_t* source = mesh.source.data();
@@ -468,9 +486,39 @@ void GlRenderer::Impl::upload_patched(BodyBuffers& buffers, const PictureSnapsho
     glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(index.size() * 4), index.data());
 }
 
+// A surface that cuts gave more vertices: all its triangles, in the material of its first ones, without texture.
+void GlRenderer::Impl::upload_grown(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires) {
+    const RenderMesh& mesh = static_mesh(from.mesh, false).mesh;
+    glBindVertexArray(buffers.array);
+    std::vector<RenderVertex> row(from.vertices.count);
+    for (uint32_t v = 0; v < from.vertices.count; ++v)
+        row[v] = make_vertex(snapshot.position[from.vertices.first + v], snapshot.normal[from.vertices.first + v]);
+    reserve(buffers.vertex, GL_ARRAY_BUFFER, row.size() * sizeof(RenderVertex));
+    glBufferSubData(GL_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(row.size() * sizeof(RenderVertex)), row.data());
+    point_vertex_attributes();
+    glDisableVertexAttribArray(kTextureUv);
+    std::vector<uint32_t> index;
+    for (uint32_t i = from.exposed.first; i < from.exposed.end(); ++i) {
+        const Triangle& t = snapshot.exposed[i];
+        if (triangle_is_finite(row.data(), t.data())) index.insert(index.end(), t.begin(), t.end());
+    }
+    const uint32_t count = static_cast<uint32_t>(index.size());
+    buffers.patched_groups.assign(1, {mesh.groups.empty() ? 0 : mesh.groups[0].material, 0, count});
+    buffers.patched_lines = {0, count, 0};
+    if (wires) {
+        const std::vector<uint32_t> line = edges_between(index);
+        buffers.patched_lines.count = static_cast<uint32_t>(line.size());
+        index.insert(index.end(), line.begin(), line.end());
+    }
+    reserve(buffers.patched, GL_ELEMENT_ARRAY_BUFFER, std::max<size_t>(index.size(), 1) * 4);
+    glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(index.size() * 4), index.data());
+    buffers.damaged = buffers.grown = true;
+    glBindVertexArray(0);
+}
+
 void GlRenderer::Impl::upload_depths(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from) {
     glBindVertexArray(buffers.array);
-    if (from.depths.count == 0) {
+    if (from.depths.count == 0 || buffers.grown) {
         glDisableVertexAttribArray(kDepth);
         return;
     }

@@ -67,6 +67,11 @@ void append_marker(const Marker& marker, const Vec3d& eye, MarkerMesh& out) {
     }
     if (!(length > 0)) return;
     const Vec3d z = along / length;
+    if (marker.kind == Marker::Kind::kRod) {
+        append_rings(kShaft, {from, z, r, length}, out);
+        for (const Vec3d& end : {from, Vec3d(from + along)}) append_rings(sphere_rings(), {end, Vec3d::UnitZ(), r, r}, out);
+        return;
+    }
     const double head = std::min(0.5 * length, 5 * r), shaft = length - head;
     append_rings(kShaft, {from, z, r, shaft}, out);
     append_rings(kHead, {from + shaft * z, z, 2.4 * r, head}, out);

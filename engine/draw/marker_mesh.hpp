@@ -8,9 +8,9 @@ namespace trocar {
 
 // Shape drawn beside the surfaces. Lit like plastic, linear colour with opacity.
 struct Marker {
-    enum class Kind : uint8_t { kSphere, kArrow } kind = Kind::kSphere;
+    enum class Kind : uint8_t { kSphere, kArrow, kRod } kind = Kind::kSphere;
     Vec3d from = Vec3d::Zero();  // m, world: centre, or tail
-    Vec3d to = Vec3d::Zero();    // m, world: tip of an arrow
+    Vec3d to = Vec3d::Zero();    // m, world: tip of an arrow, other end of a rod
     double radius = 0;           // m, of the sphere or the shaft
     std::array<float, 4> colour{1, 1, 1, 1};
 };

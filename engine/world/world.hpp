@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "components/actions.hpp"
 #include "components/bodies.hpp"
 #include "components/clock.hpp"
 #include "components/contacts.hpp"
@@ -44,6 +45,7 @@ struct World {
     Tears tears;
     Pools pools;
     Nodes nodes;
+    Actions actions;
     // state
     Clock clock;
     Poses poses;
@@ -56,6 +58,7 @@ struct World {
     Torn torn;
     SpawnState spawning;
     NodeState node_state;
+    ActionState action_state;
     // known only to a live run and its replay, which restore them
     std::vector<DeviceState> live_devices;  // per tool, where the pass before led to; empty: there was none
     EnergyStart energy_start;
@@ -152,7 +155,9 @@ struct CaptureRecord;
     R(kLoadedConstraints, loaded_constraints, "loaded constraints", kDerived)    \
     R(kHoldingGroups, holding_groups, "holding groups", kDerived)                \
     R(kSelfCrossings, self_crossings, "self-crossings", kDerived)                \
-    R(kPassedSurfaces, passed_surfaces, "passed surfaces", kAccounts)
+    R(kPassedSurfaces, passed_surfaces, "passed surfaces", kAccounts)                \
+    R(kActions, actions, "actions", kConstant)                                   \
+    R(kActionState, action_state, "action state", kState)
 
 enum class Resource : uint8_t {
 #define TROCAR_RESOURCE_BIT(bit, ...) bit,

@@ -51,6 +51,8 @@ bool all_have(const T& group, size_t rows, std::initializer_list<std::string_vie
 }
 
 // Last value of the enums in files; an enum without one does not compile.
+constexpr ActionKind last_of(ActionKind) { return ActionKind::kCut; }
+constexpr ActionTrigger last_of(ActionTrigger) { return ActionTrigger::kAlways; }
 constexpr Admission last_of(Admission) { return Admission::kRefused; }
 constexpr AnchorFrame last_of(AnchorFrame) { return AnchorFrame::kShape; }
 constexpr DeepResponse last_of(DeepResponse) { return DeepResponse::kLastFree; }
@@ -147,7 +149,11 @@ void check_fields(const World& w, std::string& not_a_number) {
                                                           {"drives", w.nodes.drive.size()},
                                                           {"tears", w.tears.body.size()},
                                                           {"tear triangles", w.tears.order.size()},
-                                                          {"tear faces", w.tears.face.size()}};
+                                                          {"tear faces", w.tears.face.size()},
+                                                          {"actions", w.actions.action.size()},
+                                                          {"action times", w.actions.time.size()},
+                                                          {"cut vertices", w.action_state.cut.position.size()},
+                                                          {"cut triangles", w.action_state.cut.triangle.size()}};
     FieldCheck check{counts};
 #define TROCAR_CHECK_RESOURCE(bit, member, name, kind)                                                                \
     if constexpr (ResourceKind::kind == ResourceKind::kConstant || ResourceKind::kind == ResourceKind::kState) {      \

@@ -16,6 +16,8 @@
 #include "systems/prepare/rigid_motion.hpp"
 #include "systems/prepare/spawning.hpp"
 #include "systems/prepare/tear_bodies.hpp"
+#include "systems/prepare/tool_actions.hpp"
+#include "systems/prepare/tool_cuts.hpp"
 namespace trocar {
 namespace {
 
@@ -33,6 +35,11 @@ void bodies_come_and_go(World& w, FrameState& f) {
     spawning({w.clock.tick, f.options.account_energy, w.pools, w.meshes, w.solids, w.springs, w.bodies, w.anchors, w.settings.gravity},
              f.scratch.spawning, {w.spawning, w.poses, w.particles, w.sleep, w.energy});
 }
+void actions(World& w, FrameState& f) {
+    const ActionPass pass{pass_seconds(w), {surfaces_of(w), w.solids, w.trees}, w.haptics.tool, w.haptics.jaw, w.haptics.state,
+                          w.actions,       &w.spawning,                         &w.node_state};
+    act(pass, f.scratch.links, w.action_state, w.links, w.sleep, w.energy);
+}
 void link(World& w, FrameState& f) {
     link_bodies(pass_seconds(w), w.haptics.state, {surfaces_of(w), w.solids, w.trees}, f.scratch.links, w.links, w.sleep, w.energy,
                 w.report);
@@ -42,6 +49,11 @@ void tear(World& w, FrameState&) {
     cut_bodies(pass, w.particles, w.meshes, w.trees, w.tears, w.sleep, {w.torn, w.torn_springs, w.energy, w.report});
 }
 void torn_springs(World& w, FrameState&) { copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs); }
+
+void tool_cuts(World& w, FrameState&) {
+    cut_with_tools({w.bodies, w.actions, w.haptics.tool, w.settings.gravity, period_seconds(w), !w.links.group.empty(), w.poses,
+                    w.particles, w.meshes, w.springs, w.anchors, w.trees, w.haptics.state, w.action_state, w.sleep, w.energy});
+}
 
 ContactInputs contact_inputs(const World& w) {
     const double period = period_seconds(w);
@@ -196,7 +208,7 @@ void energy(World& w, FrameState& f) {
 }
 void picture(World& w, FrameState& f) {
     write_picture_snapshot({w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, &w.tears,
-                            &w.spawning, &w.node_state},
+                            &w.spawning, &w.node_state, {}, &w.links, &w.actions, &w.action_state, &w.solids},
                            w.picture, sleeping_bodies(f, kSeenByPicture));
 }
 }  // namespace stages
@@ -228,6 +240,8 @@ bool any_energy(const World& w) { return any_deformable(w) || !w.bodies.rigid_ma
 bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
 
 bool any_link(const World& w) { return !w.links.group.empty(); }
+bool any_action(const World& w) { return !w.actions.action.empty(); }
+bool any_tool_cut(const World& w) { return !w.actions.cut_body.empty(); }
 bool any_tear(const World& w) { return !w.tears.body.empty(); }
 bool any_jaw_or_link(const World& w) { return any_pair(w) && (any_link(w) || !w.haptics.jaw.empty()); }
 bool any_excluded(const World& w) { return any_pair(w) && (any_tool(w) || !w.nodes.apart.empty()); }
@@ -254,12 +268,16 @@ constexpr FrameStage kStages[] = {
         mask(R::kPoses)}, any_path},
     {S::kComeAndGo,       P::kInput,    {"come and go",     run<stages::bodies_come_and_go>,kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock),
         mask(R::kPoses, R::kParticles, R::kSleep, R::kSpawning, R::kEnergy)}, any_pool},
+    {S::kActions,         P::kInput,    {"actions",         run<stages::actions>,           kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kTools, R::kToolState, R::kActions, R::kSpawning, R::kNodeState),
+        mask(R::kActionState, R::kLinks, R::kSleep, R::kEnergy)}, any_action},
     {S::kLinks,           P::kInput,    {"links",           run<stages::link>,              kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),
         mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
     {S::kTears,           P::kInput,    {"tears",           run<stages::tear>,              mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors),
         mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
     {S::kTornSprings,     P::kInput,    {"torn springs",    run<stages::torn_springs>,      mask(R::kSprings, R::kSolids, R::kBodies, R::kTears, R::kTorn),
         mask(R::kTornSprings)}, any_tear},
+    {S::kToolCuts,        P::kInput,    {"tool cuts",       run<stages::tool_cuts>,         mask(R::kSettings, R::kClock, R::kBodies, R::kActions, R::kTools, R::kLinks),
+        mask(R::kPoses, R::kParticles, R::kMeshes, R::kSprings, R::kAnchors, R::kTrees, R::kToolState, R::kActionState, R::kSleep, R::kEnergy)}, any_tool_cut},
     {S::kBodyBoxes,       P::kDetection,{"body boxes",      run<stages::body_boxes>,        kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kSpawning, R::kNodeState, R::kSleep),
         mask(R::kBoxes, R::kReport)}, any_pair},
     {S::kFastBodies,      P::kDetection,{"fast bodies",     run<stages::fast_bodies>,       kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kNodeState),
@@ -346,7 +364,7 @@ constexpr FrameStage kStages[] = {
         mask(R::kSelfCrossings, R::kReport)}, any_deformable},
     {S::kEnergy,          P::kPicture,  {"energy",          run<stages::energy>,            mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState),
         mask(R::kEnergy, R::kEnergyStart)}, any_energy},
-    {S::kPicture,         P::kPicture,  {"picture",         run<stages::picture>,           kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kSpawning, R::kNodeState),
+    {S::kPicture,         P::kPicture,  {"picture",         run<stages::picture>,           kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kSpawning, R::kNodeState, R::kLinks, R::kActions, R::kActionState, R::kSolids),
         mask(R::kPicture)}, any_body},
 };
 // clang-format on

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "engine/tissue/embedded_surface.hpp"
+#include "engine/tissue/links.hpp"
 namespace trocar {
 namespace {
 
@@ -122,6 +124,45 @@ void copy_points(std::span<const PicturePoints> points, PictureSnapshot& out) {
         for (const Vec3d& p : alike.position) out.point.push_back({p, alike.radius, alike.colour});
 }
 
+// A staple of 4 mm: its crown on the outer surface, its legs into the other.
+void add_rods(const Vec3d& at, const Vec3d& outward, const Vec3d& across, PictureSnapshot& out) {
+    constexpr double kHalfCrown = 2e-3, kLeg = 2.5e-3, kRadius = 0.3e-3;  // m
+    constexpr std::array<float, 3> kSteel{0.42f, 0.45f, 0.50f};
+    const Vec3d in_plane = across - across.dot(outward) * outward;
+    const Vec3d along = in_plane.norm() > 1e-3 ? Vec3d(in_plane.normalized()) : Vec3d(outward.unitOrthogonal());
+    const Vec3d crown = at + kRadius * outward, left = crown - kHalfCrown * along, right = crown + kHalfCrown * along;
+    out.rod.push_back({left, right, kRadius, kSteel});
+    out.rod.push_back({left, left - kLeg * outward, kRadius, kSteel});
+    out.rod.push_back({right, right - kLeg * outward, kRadius, kSteel});
+}
+
+void copy_staples(const PictureInputs& in, PictureSnapshot& out) {
+    out.rod.clear();
+    if (!in.links || !in.solids || !in.action_state) return;
+    const Surfaces& s = in.surfaces;
+    const auto particle = [&](uint32_t body, uint32_t node) {
+        return s.bodies.particles[body].first + embedded_count(*in.solids, s.bodies.mesh[body]) + node;
+    };
+    const auto place = [&](uint32_t body, uint32_t p) {
+        const Float4& o = s.particles.offset[p];
+        return Vec3d(s.poses.origin[body] + Vec3d(o.x, o.y, o.z));
+    };
+    for (const ToolStaple& staple : in.action_state->staple) {
+        const uint32_t group = find_link_group(*in.links, staple.group);
+        if (group == kNone || in.links->group[group].links.count == 0) continue;
+        const LinkGroup& g = in.links->group[group];
+        const uint32_t link = g.links.first;
+        if (!in.links->whole[link]) continue;
+        const uint32_t p = particle(g.body, in.links->node[link]);
+        const Vec3d at = place(g.body, p);
+        const Vec3d far = is_deformable(s.bodies, g.holder) ? place(g.holder, particle(g.holder, in.links->far_node[link]))
+                                                            : frame_to_world(s, g.holder, in.links->point[link]);
+        Vec3d outward = p < in.normals.normal.size() ? in.normals.normal[p].cast<double>() : Vec3d(Vec3d::Zero());
+        if (!(outward.norm() > 0.5)) outward = (at - far).norm() > 0 ? Vec3d((at - far).normalized()) : Vec3d(Vec3d::UnitZ());
+        add_rods(at, (at - far).dot(outward) < 0 ? Vec3d(-outward) : outward, staple.across, out);
+    }
+}
+
 // Absent triangles follow the present ones; numbers from tear.outer on were interior at load.
 void copy_removed(const Surfaces& surfaces, const Tears* tears, PictureSnapshot& out) {
     out.removed.clear(), out.exposed.clear();
@@ -136,6 +177,19 @@ void copy_removed(const Surfaces& surfaces, const Tears* tears, PictureSnapshot&
         }
         out.body[tear.body].removed = {removed, static_cast<uint32_t>(out.removed.size()) - removed};
         out.body[tear.body].exposed = {exposed, static_cast<uint32_t>(out.exposed.size()) - exposed};
+    }
+}
+
+// A surface that was cut is drawn as its present triangles alone; it has more vertices than at load.
+void copy_cut_surfaces(const PictureInputs& in, PictureSnapshot& out) {
+    if (!in.actions || !in.action_state) return;
+    for (const auto& [action, index] : in.actions->cuts) {
+        PictureBody& body = out.body[in.actions->cut_body[index].body];
+        if (!(in.action_state->progress[action].area > 0) || body.exposed.count > 0) continue;
+        const MeshInfo& info = in.surfaces.meshes.info[body.mesh];
+        const auto from = in.surfaces.meshes.triangle.begin() + info.triangles.first;
+        body.exposed = {static_cast<uint32_t>(out.exposed.size()), info.triangles.count};
+        out.exposed.insert(out.exposed.end(), from, from + info.triangles.count);
     }
 }
 
@@ -156,7 +210,9 @@ void write_picture_snapshot(const PictureInputs& inputs, PictureSnapshot& out, c
     copy_witnesses(inputs.contacts, inputs.penetrations, out);
     copy_tools(inputs.haptics, out);
     copy_points(inputs.points, out);
+    copy_staples(inputs, out);
     copy_removed(inputs.surfaces, inputs.tears, out);
+    copy_cut_surfaces(inputs, out);
     hide_absent(inputs, out);
 }
 

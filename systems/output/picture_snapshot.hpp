@@ -2,10 +2,13 @@
 #include <array>
 #include <span>
 
+#include "components/actions.hpp"
 #include "components/contacts.hpp"
 #include "components/haptics.hpp"
+#include "components/links.hpp"
 #include "components/nodes.hpp"
 #include "components/picture.hpp"
+#include "components/solids.hpp"
 #include "components/spawning.hpp"
 #include "components/tears.hpp"
 #include "engine/contact/sleeping_bodies.hpp"
@@ -32,6 +35,10 @@ struct PictureInputs {
     const SpawnState* spawning = nullptr;   // empty slots are not drawn; or null
     const NodeState* node_state = nullptr;  // nor are bodies of disabled nodes; or null
     std::span<const PicturePoints> points = {};
+    const Links* links = nullptr;               // of the staples; or null
+    const Actions* actions = nullptr;           // which bodies instruments may cut; or null
+    const ActionState* action_state = nullptr;  // with it
+    const Solids* solids = nullptr;             // to find the nodes of the links; or null
 };
 
 // Copies what a picture shows into `out`, whose capacity is reused. A vertex gets the deepest of its

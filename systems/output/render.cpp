@@ -205,6 +205,8 @@ void place_markers(const PictureParams& params, const Camera& camera, const Pict
     }
     for (const PicturePoint& p : snapshot.point)
         markers.push_back({Marker::Kind::kSphere, p.position, p.position, p.radius, {p.colour[0], p.colour[1], p.colour[2], 1.0f}});
+    for (const PictureRod& r : snapshot.rod)
+        markers.push_back({Marker::Kind::kRod, r.from, r.to, r.radius, {r.colour[0], r.colour[1], r.colour[2], 1.0f}});
     if (!params.tools) return;
     for (const PictureTool& tool : snapshot.tool) {
         const double radius = std::max(tool.radius, 0.005 * height_at(tool.proxy));

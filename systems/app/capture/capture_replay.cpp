@@ -7,6 +7,7 @@
 #include "engine/base/error.hpp"
 #include "systems/app/capture/capture_difference.hpp"
 #include "systems/haptics/contact/device_motion.hpp"
+#include "engine/tissue/cut_setup.hpp"
 #include "systems/prepare/tear_bodies.hpp"
 namespace trocar {
 namespace {
@@ -40,7 +41,10 @@ void set_state(const CaptureRecord& state, World& world) {
     load_resources(state, ResourceKind::kAccounts, world);
 }
 
-void restore_surfaces(World& w) { restore_torn_surfaces(w.solids, w.bodies, w.particles, w.torn, w.meshes, w.trees, w.tears); }
+void restore_surfaces(World& w) {
+    restore_torn_surfaces(w.solids, w.bodies, w.particles, w.torn, w.meshes, w.trees, w.tears);
+    restore_cut_surfaces(w.actions, w.action_state.cut, w.bodies, w.particles, w.meshes, w.springs, w.anchors, w.trees);
+}
 
 }  // namespace
 

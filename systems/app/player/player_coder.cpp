@@ -72,7 +72,7 @@ Vec3d colour_at(const Material& material, Vec2 uv) {
 }
 
 // Three sRGB bytes per vertex: the mean of its triangles' materials and textures there.
-void put_colours(std::vector<uint8_t>& out, const Meshes& meshes, uint32_t mesh) {
+void put_colours(std::vector<uint8_t>& out, const Meshes& meshes, uint32_t mesh, uint32_t vertices) {
     const MeshInfo& info = meshes.info[mesh];
     std::vector<Vec3d> sum(info.vertices.count, Vec3d::Zero());
     std::vector<uint32_t> count(info.vertices.count, 0);
@@ -89,6 +89,19 @@ void put_colours(std::vector<uint8_t>& out, const Meshes& meshes, uint32_t mesh)
     }
     for (size_t v = 0; v < sum.size(); ++v)
         for (const double x : sum[v]) out.push_back(srgb_byte(count[v] > 0 ? x / count[v] : 0.8));
+    // vertices that cuts may add have the mean colour
+    Vec3d all = Vec3d::Zero();
+    double corners = 0;
+    for (size_t v = 0; v < sum.size(); ++v) all += sum[v], corners += count[v];
+    for (size_t v = sum.size(); v < vertices; ++v)
+        for (const double x : all) out.push_back(srgb_byte(corners > 0 ? x / corners : 0.8));
+}
+
+// Vertices of a prototype, with those that cuts may add.
+uint32_t most_vertices(const World& w, uint32_t mesh) {
+    for (const CutBody& cut : w.actions.cut_body)
+        if (w.bodies.mesh[cut.body] == mesh) return cut.vertices.count;
+    return w.meshes.info[mesh].vertices.count;
 }
 
 double opacity_of(const Meshes& meshes, uint32_t mesh) {
@@ -237,13 +250,14 @@ PlayerCoder::PlayerCoder(const Frame& frame, bool with_cells)
       has_links_(!frame.world().links.group.empty()),
       stages_(frame.stage_names()),
       tools_(frame.world().haptics.tool),
-      order_(frame.world().tears.order) {
+      order_(frame.world().tears.order),
+      cut_(frame.world().action_state.cut.count) {
     const World& w = frame.world();
     origin_ = w.poses.origin.empty() ? Vec3d(Vec3d::Zero()) : w.poses.origin.front();
     for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) {
         const MeshInfo& info = w.meshes.info[w.bodies.mesh[b]];
         const bool soft = is_deformable(w.bodies, b);
-        coordinates_.push_back(soft ? 3 * info.vertices.count : 7);
+        coordinates_.push_back(soft ? 3 * most_vertices(w, w.bodies.mesh[b]) : 7);
         bodies_.push_back(
             {w.bodies.name[b], w.bodies.mesh[b], w.bodies.motion[b], info.admission == Admission::kSheet, step_of(info, soft)});
     }
@@ -257,7 +271,7 @@ void PlayerCoder::add_meshes(const World& w) {
     mesh_count_ = w.meshes.info.size();
     for (uint32_t m = 0; m < mesh_count_; ++m) {
         const MeshInfo& info = w.meshes.info[m];
-        put_number(meshes_, info.vertices.count), put_number(meshes_, has_rigid[m]);
+        put_number(meshes_, most_vertices(w, m)), put_number(meshes_, has_rigid[m]);
         const double step = step_of(info, false);
         put_double(meshes_, step), put_float(meshes_, opacity_of(w.meshes, m));
         std::array<int32_t, 3> before{};
@@ -268,7 +282,7 @@ void PlayerCoder::add_meshes(const World& w) {
             }
         }
         put_triangles(meshes_, std::span(w.meshes.triangle).subspan(info.triangles.first, info.triangles.count));
-        put_colours(meshes_, w.meshes, m);
+        put_colours(meshes_, w.meshes, m, most_vertices(w, m));
     }
 }
 
@@ -301,6 +315,7 @@ PlayerFrame PlayerCoder::whole(const World& w) const {
         put_steps(out.moves, std::span(now, coordinates_[b]), zero.data());
     }
     for (const TearBody& tear : w.tears.body) put_surface(out.surfaces, w, tear.body);
+    for (const CutBody& cut : w.actions.cut_body) put_surface(out.surfaces, w, cut.body);
     return out;
 }
 
@@ -348,6 +363,9 @@ void PlayerCoder::add_surfaces(const World& w, PlayerFrame& out) {
         put_surface(out.surfaces, w, tear.body);
     }
     order_ = w.tears.order;
+    for (size_t i = 0; i < cut_.size(); ++i)
+        if (cut_[i] != w.action_state.cut.count[i]) put_surface(out.surfaces, w, w.actions.cut_body[i].body);
+    cut_ = w.action_state.cut.count;
 }
 
 double PlayerCoder::worst_error() const {

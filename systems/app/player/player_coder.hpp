@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <span>
 #include <string>
 #include <vector>
@@ -75,6 +76,7 @@ class PlayerCoder {
     std::vector<int32_t> last_;    // coordinates of all bodies in the newest frame
     std::vector<uint32_t> state_;  // of all bodies in the newest frame
     std::vector<uint32_t> order_;  // of torn triangles, as in Tears
+    std::vector<std::array<uint32_t, 2>> cut_;  // as CutSurfaces::count, of the newest frame
     PlayerFrame newest_;           // time, pass, cost and findings of the newest frame
     size_t mesh_count_ = 0;
     std::vector<uint8_t> meshes_;  // coded: shapes, triangles, colours

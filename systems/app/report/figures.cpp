@@ -163,6 +163,17 @@ nlohmann::ordered_json drive_json(const RunFigures& f, size_t row) {
 
 }  // namespace
 
+namespace {
+
+nlohmann::ordered_json actions_json(const ActionFigures& a) {
+    nlohmann::ordered_json j;
+    if (a.staples) j = {{"staples", a.set}, {"misfires", a.misfires}, {"pulled_out", a.pulled_out}, {"max_pull_n", a.pull}};
+    if (a.cuts) j["cuts"] = a.cut, j["cut_area_m2"] = a.area, j["cut_work_j"] = a.work, j["cuts_refused"] = a.refused;
+    return j;
+}
+
+}  // namespace
+
 std::string device_text(const ToolFigures& t) {
     const auto count = [&](DeviceCount what) { return static_cast<unsigned long long>(t.counts[static_cast<size_t>(what)]); };
     std::string text = t.device + format(": %llu samples accepted, refused in %llu ticks", count(DeviceCount::kAccepted),
@@ -250,6 +261,7 @@ std::string metrics_json(const RunFigures& f) {
     for (const LinkFigures& l : f.link)
         j["links"].push_back(
             {{"name", l.name}, {"made", l.made}, {"broken", l.broken}, {"max_force_n", l.force}, {"max_strain", l.strain}});
+    if (f.actions.any) j["actions"] = actions_json(f.actions);
     j["report"] = report_json(f);
     return j.dump(2) + "\n";
 }

@@ -51,6 +51,17 @@ struct LinkFigures {
     double strain = 0;  // largest
 };
 
+// What all instruments of a scene did.
+struct ActionFigures {
+    bool any = false;                     // the scene has instruments that act
+    bool staples = false, cuts = false;   // and these kinds of actions
+    uint64_t set = 0, misfires = 0, pulled_out = 0;
+    double pull = 0;  // N, largest force of one staple, mean over a pass
+    uint64_t cut = 0, refused = 0;  // strokes that cut; passes whose cut found no room
+    double area = 0;  // m^2, of the new surface on one side
+    double work = 0;  // J, that it took
+};
+
 // Detection cost of a pair of bodies, over the passes in which it had candidate vertices.
 struct PairFigures {
     std::string name;  // "liver/kidney"
@@ -110,6 +121,7 @@ struct RunFigures {
     TreeSearch search = TreeSearch::kOwn;
     uint64_t tree_builds = 0;  // by Embree, of the bodies' trees
     std::vector<LinkFigures> link;
+    ActionFigures actions;
     std::vector<ToolFigures> tool;
     std::vector<DriveFigures> drive;
     std::vector<ToolSample> tool_sample;            // of every pass

@@ -19,6 +19,7 @@
 #include "engine/jobs/real_time.hpp"
 #include "engine/jobs/trace.hpp"
 #include "engine/mesh/surface_mesh.hpp"
+#include "engine/tissue/links.hpp"
 #include "systems/app/capture/capture.hpp"
 #include "systems/app/console/command_pool.hpp"
 #include "systems/app/console/commands.hpp"
@@ -82,6 +83,27 @@ CaptureHeader capture_header(const BuiltScene& scene, const RunFigures& figures)
     return header;
 }
 
+ActionFigures action_figures(const World& w) {
+    ActionFigures a;
+    for (size_t i = 0; i < w.actions.action.size(); ++i) {
+        const ActionProgress& p = w.action_state.progress[i];
+        a.any = true;
+        if (w.actions.action[i].kind == ActionKind::kStaple) {
+            a.staples = true;
+            a.set += p.done, a.misfires += p.misfires, a.pulled_out += p.pulled_out;
+            a.pull = std::max(a.pull, p.largest_force);
+        } else {
+            a.cuts = true;
+            a.cut += p.done, a.refused += p.refused, a.area += p.area, a.work += p.work;
+        }
+    }
+    for (const ToolStaple& staple : w.action_state.staple) {
+        const uint32_t group = find_link_group(w.links, staple.group);
+        if (group != kNone) a.pull = std::max(a.pull, w.links.group[group].largest_force);
+    }
+    return a;
+}
+
 void finish_figures(const Frame& frame, RunFigures& figures) {
     const World& w = frame.world();
     figures.bytes_per_body = figures.world_bytes / static_cast<double>(std::max<size_t>(1, w.bodies.mesh.size()));
@@ -108,6 +130,7 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
     for (const LinkGroup& g : w.links.group) {
         if (g.body != kNone) figures.link.push_back({g.name, g.made, g.broken, g.largest_force, g.largest_strain});
     }
+    figures.actions = action_figures(w);
     if (!figures.live) {
         figures.ticks = w.haptics.ticks;
         figures.max_force = w.haptics.max_force;

@@ -1,0 +1,13 @@
+#pragma once
+#include "content/scene/scene_file.hpp"
+#include "engine/world/world.hpp"
+namespace trocar {
+
+// Whether an instrument of the scene cuts this body.
+bool is_cut_by_tools(const SceneFile& scene, const std::string& body);
+
+// Adds what the instruments do, once all bodies and tools exist, and reserves room for their staples. Throws
+// InputError for what cannot be done.
+void add_scene_actions(const SceneFile& scene, World& world);
+
+}  // namespace trocar

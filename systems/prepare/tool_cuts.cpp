@@ -1,0 +1,207 @@
+#include "systems/prepare/tool_cuts.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "engine/mesh/surface_cut.hpp"
+#include "engine/tissue/cut_setup.hpp"
+namespace trocar {
+namespace {
+
+// The part of a list of the state that belongs to one cut body, taken out of it.
+std::vector<std::array<uint32_t, 2>> take_slits(uint32_t index, CutSurfaces& cut) {
+    std::vector<std::array<uint32_t, 2>> slit;
+    std::erase_if(cut.slit, [&](const std::array<uint32_t, 3>& s) {
+        if (s[0] == index) slit.push_back({s[1], s[2]});
+        return s[0] == index;
+    });
+    return slit;
+}
+
+std::vector<uint32_t> take_front(uint32_t index, uint32_t action, CutSurfaces& cut) {
+    std::vector<uint32_t> front;
+    std::erase_if(cut.front, [&](const std::array<uint32_t, 3>& f) {
+        if (f[0] == index && f[2] == action) front.push_back(f[1]);
+        return f[0] == index && f[2] == action;
+    });
+    return front;
+}
+
+void put_lists(uint32_t index, uint32_t action, const CutMesh& mesh, CutSurfaces& cut) {
+    for (const auto& s : mesh.slit) cut.slit.push_back({index, s[0], s[1]});
+    for (const uint32_t v : mesh.front) cut.front.push_back({index, v, action});
+    std::sort(cut.slit.begin(), cut.slit.end());
+    std::sort(cut.front.begin(), cut.front.end());
+}
+
+double energy_of_body(const CutWorld& w, uint32_t body) {
+    Energy energy;
+    BodyEnergyScratch scratch;
+    add_body_energy({w.springs, w.bodies, w.poses, w.particles, w.anchors, w.gravity, {}}, body, scratch, energy);
+    return energy.kinetic + energy.elastic + energy.gravity;
+}
+
+// Masses follow the areas; a vertex on an edge between two fixed ones is fixed. before: areas before the cut, m^2.
+void share_mass(const CutWorld& w, uint32_t body, std::span<const float> before, std::span<const CutVertex> made) {
+    const uint32_t first = w.bodies.particles[body].first, old = static_cast<uint32_t>(before.size());
+    const Range shares = w.springs.vertices[w.bodies.mesh[body]];
+    const auto share = [&](uint32_t v) { return double{w.springs.area_share[shares.first + v]}; };
+    double area_mass = 0;  // kg/m^2, uniform: by the heaviest vertex, least rounded
+    double heaviest = 0;
+    for (uint32_t v = 0; v < old; ++v) {
+        const double mass = w.particles.offset[first + v].w > 0 ? 1 / double{w.particles.offset[first + v].w} : 0;
+        if (mass > heaviest && before[v] > 0) heaviest = mass, area_mass = mass / double{before[v]};
+    }
+    for (uint32_t v = 0; v < old; ++v) {
+        float& inverse = w.particles.offset[first + v].w;
+        if (inverse > 0 && w.springs.area_share[shares.first + v] != before[v]) inverse = static_cast<float>(1 / (area_mass * share(v)));
+    }
+    for (size_t i = 0; i < made.size(); ++i) {
+        const uint32_t v = old + static_cast<uint32_t>(i);
+        const bool held = w.particles.offset[first + made[i].a].w == 0 && w.particles.offset[first + made[i].b].w == 0;
+        w.particles.offset[first + v].w = held || !(share(v) > 0) ? 0.0f : static_cast<float>(1 / (area_mass * share(v)));
+    }
+}
+
+// New particles between those that they were made from, with their velocities.
+void place_new(const CutWorld& w, uint32_t body, uint32_t old, std::span<const CutVertex> made) {
+    Particles& p = w.particles;
+    const uint32_t first = w.bodies.particles[body].first;
+    for (size_t i = 0; i < made.size(); ++i) {
+        const uint32_t to = first + old + static_cast<uint32_t>(i), a = first + made[i].a, b = first + made[i].b;
+        const auto between = [&](float from, float end) { return static_cast<float>(from + made[i].along * (double{end} - double{from})); };
+        p.offset[to] = {between(p.offset[a].x, p.offset[b].x), between(p.offset[a].y, p.offset[b].y), between(p.offset[a].z, p.offset[b].z),
+                        0.0f};
+        for (auto* field : {&p.velocity_x, &p.velocity_y, &p.velocity_z}) (*field)[to] = between((*field)[a], (*field)[b]);
+    }
+}
+
+// The present surface, in arrays of its own that a refused cut leaves behind.
+struct WorkingSurface {
+    std::vector<Vec3d> rest, place;
+    std::vector<Triangle> triangle;
+    std::vector<std::array<Vec2, 3>> uv;
+    std::vector<uint16_t> material;
+    CutMesh mesh;
+
+    WorkingSurface(const CutWorld& w, uint32_t index, uint32_t action) {
+        CutSurfaces& cut = w.state.cut;
+        const CutBody& limits = w.actions.cut_body[index];
+        const auto part = [](const auto& from, const Range& range, auto& to) {
+            to.assign(from.begin() + range.first, from.begin() + range.end());
+        };
+        part(cut.position, limits.vertices, rest);
+        part(cut.triangle, limits.triangles, triangle), part(cut.uv, limits.triangles, uv), part(cut.material, limits.triangles, material);
+        place.resize(rest.size(), Vec3d::Zero());
+        for (uint32_t v = 0; v < cut.count[index][0]; ++v) {
+            const Float4& o = w.particles.offset[w.bodies.particles[limits.body].first + v];
+            place[v] = {o.x, o.y, o.z};
+        }
+        mesh = {cut.count[index][0], cut.count[index][1], rest, place, triangle, uv, material, {}, {}, limits.edge};
+        mesh.slit = take_slits(index, cut);
+        mesh.front = take_front(index, action, cut);
+    }
+    void put(const CutBody& limits, uint32_t index, std::span<const CutVertex> made, CutSurfaces& cut) const {
+        std::copy(rest.begin(), rest.end(), cut.position.begin() + limits.vertices.first);
+        std::copy(triangle.begin(), triangle.end(), cut.triangle.begin() + limits.triangles.first);
+        std::copy(uv.begin(), uv.end(), cut.uv.begin() + limits.triangles.first);
+        std::copy(material.begin(), material.end(), cut.material.begin() + limits.triangles.first);
+        Vec3* goal = cut.goal.data() + limits.vertices.first;
+        for (size_t i = 0; i < made.size(); ++i) {
+            const float along = static_cast<float>(made[i].along);
+            goal[cut.count[index][0] + i] = goal[made[i].a] + along * (goal[made[i].b] - goal[made[i].a]);
+        }
+        cut.count[index] = {mesh.vertices, mesh.triangles};
+    }
+};
+
+// Makes one cut of one body. Returns the length of the new slits, m.
+double cut_body(const CutWorld& w, uint32_t action, uint32_t index, EdgeSweep sweep) {
+    const CutBody& limits = w.actions.cut_body[index];
+    const uint32_t body = limits.body, prototype = w.bodies.mesh[body], old = w.state.cut.count[index][0];
+    for (Vec3d* p : {&sweep.a0, &sweep.b0, &sweep.a1, &sweep.b1}) *p -= w.poses.origin[body];
+    WorkingSurface work(w, index, action);
+    const auto slits = work.mesh.slit;
+    const auto front = work.mesh.front;
+    std::vector<CutVertex> made;
+    const CutResult result = cut_surface(sweep, work.mesh, made);
+    const bool changed = !made.empty();
+    if (result.refused) ++w.state.progress[action].refused;
+    if (!changed) {
+        put_lists(index, action, work.mesh, w.state.cut);
+        return result.length;
+    }
+    const Range shares = w.springs.vertices[prototype];
+    const std::vector<float> before(w.springs.area_share.begin() + shares.first, w.springs.area_share.begin() + shares.first + old);
+    const double energy = energy_of_body(w, body);
+    CutSurfaces next = w.state.cut;
+    work.put(limits, index, made, next);
+    if (!lay_cut_surface(limits, index, next, w.bodies, w.meshes, w.springs, w.anchors)) {
+        ++w.state.progress[action].refused;
+        work.mesh.slit = slits, work.mesh.front = front;
+        put_lists(index, action, work.mesh, w.state.cut);
+        return 0;
+    }
+    w.state.cut = std::move(next);
+    put_lists(index, action, work.mesh, w.state.cut);
+    place_new(w, body, old, made);
+    share_mass(w, body, before, made);
+    remake_tree(body, w.bodies, w.particles, w.meshes, w.trees);
+    w.energy.work_links += energy_of_body(w, body) - energy;
+    if (body < w.sleep.still.size()) w.sleep.still[body] = 0;
+    return result.length;
+}
+
+// Takes the work that a tool owes from its motion along the sweep, as far as that goes. Returns the mean force on it, N.
+Vec3d resist(const CutWorld& w, const ToolAction& action, const Vec3d& moved, ActionProgress& progress) {
+    const uint32_t body = w.tools[action.tool].body;
+    const double distance = moved.norm(), inverse = w.bodies.inv_mass[body];
+    if (!(progress.owed > 0) || !(distance > 0) || !(inverse > 0)) return Vec3d::Zero();
+    const Vec3d along = moved / distance;
+    const double speed = w.poses.velocity[body].dot(along);
+    if (!(speed > 0)) return Vec3d::Zero();
+    const double given = std::min(progress.owed, 0.5 * speed * speed / inverse);
+    const double left = std::sqrt(std::max(0.0, speed * speed - 2 * given * inverse));
+    w.poses.velocity[body] -= (speed - left) * along;
+    progress.owed -= given;
+    return -(speed - left) / inverse / w.period * along;
+}
+
+void forget_front(uint32_t action, CutSurfaces& cut) {
+    std::erase_if(cut.front, [&](const std::array<uint32_t, 3>& f) { return f[2] == action; });
+}
+
+}  // namespace
+
+void cut_with_tools(const CutWorld& w) {
+    std::vector<Vec3d> force(w.tools.size(), Vec3d::Zero());
+    for (uint32_t i = 0; i < w.actions.action.size(); ++i) {
+        const ToolAction& action = w.actions.action[i];
+        ActionProgress& progress = w.state.progress[i];
+        if (action.kind != ActionKind::kCut) continue;
+        if (!progress.on) {
+            if (progress.swept) forget_front(i, w.state.cut);
+            progress.swept = progress.stroke = false, progress.owed = 0;
+            continue;
+        }
+        const uint32_t tool = w.tools[action.tool].body;
+        const auto place = [&](const Vec3d& p) { return Vec3d(w.poses.origin[tool] + rotate(w.poses.orientation[tool], p)); };
+        const EdgeSweep sweep{progress.from, progress.from_edge, place(action.point), place(action.edge)};
+        const bool moved = progress.swept;
+        progress.swept = true, progress.from = sweep.a1, progress.from_edge = sweep.b1;
+        if (!moved) continue;
+        for (const auto& [by, index] : w.actions.cuts) {
+            if (by != i) continue;
+            const double area = cut_body(w, i, index, sweep) * w.actions.cut_body[index].thickness;
+            progress.area += area, progress.work += action.toughness * area, progress.owed += action.toughness * area;
+            if (area > 0 && !progress.stroke) progress.stroke = true, ++progress.done;
+        }
+        force[action.tool] += resist(w, action, 0.5 * (sweep.a1 + sweep.b1 - sweep.a0 - sweep.b0), progress);
+    }
+    for (size_t t = 0; t < w.states.size(); ++t) {
+        if (!w.links) w.states[t].link_force_before = w.states[t].link_force, w.states[t].link_force.setZero();
+        w.states[t].link_force += force[t];
+    }
+}
+
+}  // namespace trocar

@@ -1,0 +1,41 @@
+#pragma once
+#include <memory>
+#include <span>
+
+#include "components/actions.hpp"
+#include "components/haptics.hpp"
+#include "components/report.hpp"
+#include "engine/distance/closest_point.hpp"
+#include "engine/mesh/surfaces.hpp"
+#include "engine/tissue/body_energy.hpp"
+namespace trocar {
+
+// What cuts change. No other body's elements move.
+struct CutWorld {
+    const Bodies& bodies;
+    const Actions& actions;
+    std::span<const HandTool> tools;
+    Vec3d gravity;       // m/s^2
+    double period = 0;   // s, of the pass
+    bool links = false;  // the frame notes the forces of links on the tools
+    Poses& poses;        // velocities of the tools
+    Particles& particles;
+    Meshes& meshes;
+    Springs& springs;
+    Anchors& anchors;
+    std::span<std::unique_ptr<ClosestPointTree>> trees;
+    std::span<ToolState> states;
+    ActionState& state;
+    Sleep& sleep;
+    Energy& energy;
+};
+
+// Parts the surfaces that the edges of cutting tools swept through since the last pass, while their triggers are
+// pulled (act has followed them): see cut_surface. Mass is conserved: vertices share that of their triangles. New
+// particles move with the edge that they split. The elastic, kinetic and anchor energy that changes is in the
+// accounting (work_links). The work of the new surface, toughness times area, is taken from the tool's motion, what
+// that cannot give at once from the next passes, and the hand feels its mean force. A cut beyond the reserved elements
+// is not made, and counted.
+void cut_with_tools(const CutWorld& world);
+
+}  // namespace trocar
