@@ -389,7 +389,8 @@ void share_room(std::span<AdvanceScratch> scratches) {
     using I = AdvanceIsland;
     level(island, &I::body, &I::rigid, &I::free, &I::slot_of_body);
     using N = ContactNodeSet;
-    level(nodes, &N::node, &N::change, &N::moved_in, &N::node_of_particle, &N::embedded_point, &N::node_sums);
+    level(nodes, &N::node, &N::change, &N::moved_in, &N::node_of_particle, &N::embedded_point, &N::node_sums,
+          &N::response);
     level(links, &IslandLinks::link, &IslandLinks::link_end, &IslandLinks::link_group);
     using C = ContactSolver;
     level(solver, &C::prepared, &C::wide_constraint, &C::fixed);
@@ -409,11 +410,21 @@ void share_room(std::span<AdvanceScratch> scratches) {
         for (const auto fields : {&M::iterate, &M::changes, &M::forces})
             share_capacity(scratches, [&](AdvanceScratch& s) -> decltype(auto) { return ((s.tissue.implicit.*fields)[k]); });
 
-    size_t groups = 0, chunks = 0, directs = 0;
+    size_t groups = 0, chunks = 0, directs = 0, touched = 0;
     for (const AdvanceScratch& s : scratches) {
         groups = std::max(groups, s.solver.group.size());
         chunks = std::max(chunks, s.tissue.body_shape_sums.size());
         directs = std::max(directs, s.components.direct.size());
+        touched = std::max(touched, s.tissue.touched.size());
+    }
+    for (AdvanceScratch& s : scratches) s.tissue.touched.resize(touched);
+    for (size_t i = 0; i < touched; ++i) {
+        const auto of_body = [&](AdvanceScratch& s) -> ImplicitScratch& { return s.tissue.touched[i]; };
+        level(of_body, &M::position, &M::inertia, &M::displacement, &M::force, &M::change, &M::volume_gradient, &M::volume_response);
+        level(of_body, &M::rate, &M::still, &M::metric, &M::response);
+        for (uint32_t k = 0; k < M::kHistory; ++k)
+            for (const auto fields : {&M::iterate, &M::changes, &M::forces})
+                share_capacity(scratches, [&](AdvanceScratch& s) -> decltype(auto) { return ((of_body(s).*fields)[k]); });
     }
     for (AdvanceScratch& s : scratches)
         s.solver.group.resize(groups), s.tissue.body_shape_sums.resize(chunks), s.components.direct.resize(directs);

@@ -7,9 +7,12 @@
 namespace trocar {
 namespace {
 
+// Between two proposals. By trial.
 constexpr uint32_t kSweepsPerIterate = 4;
 // Rounds of iterations while a step has added energy. By trial.
 constexpr uint32_t kMostContactRounds = 4;
+// Factor on a step's iterations while the momentum of a body is not balanced: when it is struck. By trial.
+constexpr uint32_t kMostOfStrikes = 8;
 
 bool is_touched_implicit(const AdvanceBody& b) { return b.touched && b.synchronous(); }
 
@@ -90,9 +93,12 @@ void iterate(const AdvanceCall& call, uint32_t most, TissueScratch& scratch, Con
     };
     bool converged = false;
     for (uint32_t iteration = 1;; ++iteration) {
-        for_touched_implicit(island, [&](AdvanceBody& b) { relax_touched_step(call, island, scratch, state, b, result); });
+        bool balanced = true;
+        for_touched_implicit(island, [&](AdvanceBody& b) {
+            balanced = relax_touched_step(call, island, scratch, state, b, result) && balanced;
+        });
         sweep();
-        if (converged || iteration >= most) break;
+        if ((balanced && (converged || iteration >= most)) || iteration >= kMostOfStrikes * most) break;
         for_touched_implicit(island, [&](AdvanceBody& b) { smooth_touched_step(call, island, scratch, state, b, result); });
         sweep();
         converged = true;
@@ -137,7 +143,13 @@ void solve_with_implicit(const AdvanceCall& call, TissueScratch& scratch, Contac
 
 void account_implicit_corrections(const AdvanceCall& call, TissueScratch& scratch, AdvanceIsland& island, const AdvanceState& state,
                                   AdvanceResult& result) {
-    for_touched_implicit(island, [&](AdvanceBody& b) { account_corrections(call, scratch, state, b, result); });
+    for_touched_implicit(island, [&](AdvanceBody& b) {
+        const uint32_t owner = static_cast<uint32_t>(&b - island.body.data());
+        for (uint32_t n = 0; n < island.nodes.node.size(); ++n) {
+            if (island.nodes.node.particle[n] == kNone || island.nodes.node.owner[n] != owner) continue;
+            if (norm2(island.nodes.change.change[n]) > 0) return account_corrections(call, scratch, state, b, result);
+        }
+    });
 }
 
 }  // namespace trocar

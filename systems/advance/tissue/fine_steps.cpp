@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "components/links.hpp"
 #include "engine/jobs/parallel.hpp"
 #include "engine/mesh/surfaces.hpp"
 #include "engine/tissue/deformable_setup.hpp"
@@ -131,7 +132,15 @@ bool needs_leapfrog(const AdvanceInputs& inputs, const ContactConstraints& const
                 std::ranges::any_of(inputs.jaws, [&](const ToolJaw& jaw) { return jaw.body == body; }));
     };
     const bool any_turns = std::ranges::any_of(island_bodies, turns);
-    const auto unsolved = [&](uint32_t body) { return is_implicit(body) && (any_turns || has_pressure(bodies, body)); };
+    // an implicit step takes as long as this many of leapfrog: 5 to 10 iterations, each with a solution and sweeps
+    constexpr double kLeapfrogSteps = 16;
+    const auto is_tied = [&](uint32_t body) {
+        const Links* links = inputs.other.links;
+        return links && body < links->stable_dt.size() && links->stable_dt[body] < kLeapfrogSteps * bodies.stable_dt[body];
+    };
+    const auto unsolved = [&](uint32_t body) {
+        return is_implicit(body) && (any_turns || has_pressure(bodies, body) || is_tied(body));
+    };
     return std::ranges::any_of(island_constraints,
                                [&](uint32_t c) { return unsolved(constraints.body[c]) || unsolved(constraints.other[c]); });
 }

@@ -6,8 +6,8 @@
 namespace trocar {
 
 // Whether the implicit bodies of an island take leapfrog in the coming pass: a contact constraint may act on one, and the
-// island has what solve_with_implicit does not solve for: a free rigid body, a tool that contacts rotate, jaws, or pressure
-// in the touched body. (Impulses between implicit steps, on single masses, are given back many times over by stiff tissue: a
+// island has what solve_with_implicit does not solve for: a free rigid body, a tool that contacts rotate, jaws, pressure in
+// the touched body, or its links that need steps as short as leapfrog's. (Impulses between implicit steps, on single masses, are given back many times over by stiff tissue: a
 // hand's 6 mJ became 86 J.)
 bool needs_leapfrog(const AdvanceInputs& inputs, const ContactConstraints& constraints, std::span<const uint32_t> island_bodies,
                     std::span<const uint32_t> island_constraints);
