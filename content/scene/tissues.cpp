@@ -44,7 +44,7 @@ std::span<const TissuePreset> tissue_presets() {
         {"polypropylene_mesh",
          "stretch: 1 N/mm, within the 0.3 to 4.6 of six meshes of Pott et al., PLoS ONE 7(10) e46978, 2012; knits differ by two "
          "orders of magnitude (Maurer et al., Materials 8, 2015). 50 g/m^2 at 0.5 mm: chosen. bending: no source, that of a plate of "
-         "this wall and modulus. Explicit steps of a fine mesh are microseconds: integrator = \"implicit\" while nothing touches it",
+         "this wall and modulus. Explicit steps of a fine mesh are microseconds: take integrator = \"implicit\"",
          tissue_of(2e6, 100, 0.5e-3, 10, 0, 1)},
     };
     return kPresets;

@@ -39,7 +39,9 @@ void add_springs(const Springs& springs, uint32_t prototype, double stiffness, A
 // Of a hinge, rigidity * weight * c c^T: c_i is the change of its angle per displacement of corner i along the normal
 // of the flat hinge (Bergou et al., "A quadratic bending model for inextensible surfaces", SGP 2006), times the
 // reserve for the curvature of the angle itself.
-void add_bending(const Hinges& hinges, Range groups, double rigidity, const Anchors& anchors, uint32_t first, Assembly& a) {
+// own: (c^T x)^2 <= 4 sum c_i^2 x_i^2, of each corner.
+void add_bending(const Hinges& hinges, Range groups, double rigidity, const Anchors& anchors, uint32_t first, Assembly& a,
+                 std::vector<float>& own) {
     constexpr uint32_t kGroup = 8;
     const auto rest = [&](uint32_t v) { return Vec3d(anchors.rest_x[first + v], anchors.rest_y[first + v], anchors.rest_z[first + v]); };
     for (size_t hinge = size_t{kGroup} * groups.first; hinge < size_t{kGroup} * groups.end(); ++hinge) {
@@ -55,6 +57,7 @@ void add_bending(const Hinges& hinges, Range groups, double rigidity, const Anch
             c[0] -= (1 - along) * lever, c[1] -= along * lever, c[2 + side] = lever;
         }
         const double k = kAngleReserve * rigidity * hinges.weight[hinge];
+        for (uint32_t i = 0; i < 4; ++i) own[v[i]] += static_cast<float>(4 * k * c[i] * c[i]);
         for (uint32_t i = 0; i < 4; ++i)
             for (uint32_t j = 0; j < 4; ++j) a.add(v[i], v[j], k * c[i] * c[j]);
     }
@@ -77,8 +80,12 @@ void make_factor(const Springs& springs, const Bodies& bodies, const Particles& 
     for (uint32_t v = 0; v < nodes.count; ++v)
         a.add(v, v, 1 / (particles.offset[nodes.first + v].w * step * step) + anchors.stiffness[nodes.first + v]);
     add_springs(springs, prototype, factor.stiffness, a);
-    if (has_bending(bodies, body))
-        add_bending(springs.hinges, springs.hinges.groups[prototype], bending_rigidity(bodies.tissue[body]), anchors, nodes.first, a);
+    factor.bending.clear();
+    if (has_bending(bodies, body)) {
+        factor.bending.assign(nodes.count, 0.0f);
+        add_bending(springs.hinges, springs.hinges.groups[prototype], bending_rigidity(bodies.tissue[body]), anchors, nodes.first, a,
+                    factor.bending);
+    }
     Eigen::SparseMatrix<double> matrix(count, count);
     matrix.setFromTriplets(a.entries.begin(), a.entries.end());
     const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>, Eigen::Lower, Eigen::AMDOrdering<int>> solver(matrix);

@@ -20,6 +20,7 @@ struct ImplicitFactor {
     std::vector<uint32_t> row;    // of every entry
     std::vector<float> value;     // of every entry
     std::vector<float> inverse;   // 1 / D, m/N
+    std::vector<float> bending;   // N/m, per particle: bound of its own part of twice the hinges' Hessian; empty = none
     std::vector<Float4> work;     // one per column, while solving
 };
 

@@ -17,6 +17,7 @@
 #include "engine/tissue/spring_step.hpp"
 #include "engine/tissue/tet_forces.hpp"
 #include "systems/advance/contact/contact_impulses.hpp"
+#include "systems/advance/contact/implicit_contacts.hpp"
 #include "systems/advance/contact/position_correction.hpp"
 #include "systems/advance/island/constants.hpp"
 #include "systems/advance/rigid/driven_bodies.hpp"
@@ -195,7 +196,7 @@ void step_bodies(const AdvanceCall& call, TissueScratch& scratch, AdvanceIsland&
                 subcycled ? step_subcycled(call, island, scratch, state, b, result) : step_leapfrog(call, state.poses, b, shape_sums);
                 break;
             case Integrator::kBackwardEuler:
-                step_backward_euler(call, island, scratch, state, b, result);
+                if (!b.touched) step_backward_euler(call, island, scratch, state, b, result);  // else begin_touched_steps
                 break;
         }
         const float* drag = b.step.drag_velocity;
@@ -388,7 +389,8 @@ void share_room(std::span<AdvanceScratch> scratches) {
     using I = AdvanceIsland;
     level(island, &I::body, &I::rigid, &I::free, &I::slot_of_body);
     using N = ContactNodeSet;
-    level(nodes, &N::node, &N::change, &N::moved_in, &N::node_of_particle, &N::embedded_point, &N::node_sums);
+    level(nodes, &N::node, &N::change, &N::moved_in, &N::node_of_particle, &N::embedded_point, &N::node_sums,
+          &N::response);
     level(links, &IslandLinks::link, &IslandLinks::link_end, &IslandLinks::link_group);
     using C = ContactSolver;
     level(solver, &C::prepared, &C::wide_constraint, &C::fixed);
@@ -402,16 +404,27 @@ void share_room(std::span<AdvanceScratch> scratches) {
     level(tissue, &T::sums, &T::shape_sums, &T::overstretched);
     using M = ImplicitScratch;
     level(implicit, &M::position, &M::inertia, &M::displacement, &M::force, &M::change, &M::volume_gradient, &M::volume_response);
-    level(implicit, &M::factor, &M::acceleration, &M::still, &M::volume_force, &M::sums);
+    level(implicit, &M::rate, &M::still, &M::volume_force, &M::sums);
+    level(tissue, &T::factor);
     for (uint32_t k = 0; k < M::kHistory; ++k)
         for (const auto fields : {&M::iterate, &M::changes, &M::forces})
             share_capacity(scratches, [&](AdvanceScratch& s) -> decltype(auto) { return ((s.tissue.implicit.*fields)[k]); });
 
-    size_t groups = 0, chunks = 0, directs = 0;
+    size_t groups = 0, chunks = 0, directs = 0, touched = 0;
     for (const AdvanceScratch& s : scratches) {
         groups = std::max(groups, s.solver.group.size());
         chunks = std::max(chunks, s.tissue.body_shape_sums.size());
         directs = std::max(directs, s.components.direct.size());
+        touched = std::max(touched, s.tissue.touched.size());
+    }
+    for (AdvanceScratch& s : scratches) s.tissue.touched.resize(touched);
+    for (size_t i = 0; i < touched; ++i) {
+        const auto of_body = [&](AdvanceScratch& s) -> ImplicitScratch& { return s.tissue.touched[i]; };
+        level(of_body, &M::position, &M::inertia, &M::displacement, &M::force, &M::change, &M::volume_gradient, &M::volume_response);
+        level(of_body, &M::rate, &M::still, &M::metric, &M::response);
+        for (uint32_t k = 0; k < M::kHistory; ++k)
+            for (const auto fields : {&M::iterate, &M::changes, &M::forces})
+                share_capacity(scratches, [&](AdvanceScratch& s) -> decltype(auto) { return ((of_body(s).*fields)[k]); });
     }
     for (AdvanceScratch& s : scratches)
         s.solver.group.resize(groups), s.tissue.body_shape_sums.resize(chunks), s.components.direct.resize(directs);
@@ -436,16 +449,18 @@ void run_substep(const AdvanceCall& call, bool has_contacts, AdvanceScratch& s, 
     place_rigid_bodies(call, island);
     find_link_forces(call, state.particles, island);
     step_bodies(call, s.tissue, island, state, result);
+    begin_touched_steps(call, s.tissue, island, state, result);
     pull_hands(call, island);
     kick_free_bodies(call, island, result);
     pull_linked_rigids(call, island, state.tools);
     if (has_contacts && params.observer.begin) params.observer.begin(params.observer.user);
-    if (has_contacts) apply_impulses(call, s.components, s.solver, island, state, result);
+    if (has_contacts) apply_impulses(call, s.components, s.tissue, s.solver, island, state, result);
     finish_drives(call, island, result);
     move_hands(call, island, state.tools);
     move_free_bodies(call, island, state.tools);
     carry_jaws(call, call.substep + 1, island);
     if (has_contacts) correct_positions(call, s.solver, island, state, result), carry_jaws(call, call.substep + 1, island);
+    if (has_contacts && params.account_energy) account_implicit_corrections(call, s.tissue, island, state, result);
     if (has_contacts && params.observer.end) params.observer.end(params.observer.user);
     finish_links(call, state.particles, island, result);
     break_springs(call, state.particles, s.tissue, island, result);

@@ -56,6 +56,12 @@ TEST_P(ClearScratch, BetweenAnyTwoStages) {
 
 INSTANTIATE_TEST_SUITE_P(Scenes, ClearScratch, testing::ValuesIn(scene_names()), [](const auto& info) { return info.param; });
 
+// A mesh stepped implicitly falls on a wall.
+TEST(ClearScratchMore, ImplicitContact) {
+    expect_same([] { return built("mesh_on_wall", {{"mesh.integrator", "implicit"}, {"mesh.triangles", "200"}, {"wall.triangles", "1000"}}); },
+                20);
+}
+
 // Bodies that are spawned, fall asleep, are removed asleep, and are spawned again.
 TEST(ClearScratchMore, Pools) {
     expect_same(

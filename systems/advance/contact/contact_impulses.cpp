@@ -7,6 +7,7 @@
 #include "engine/mesh/surface_walk.hpp"
 #include "engine/mesh/surfaces.hpp"
 #include "systems/advance/contact/graph_colouring.hpp"
+#include "systems/advance/contact/implicit_contacts.hpp"
 #include "systems/advance/contact/nncg.hpp"
 #include "systems/advance/contact/wide_constraints.hpp"
 #include "systems/advance/island/constants.hpp"
@@ -471,6 +472,11 @@ void scatter_velocities(const AdvanceCall& call, AdvanceIsland& island, Particle
         const ContactNodeChange change = island.nodes.change[n];
         const __m256d same = _mm256_cmp_pd((__m256d)node.velocity, (__m256d)change.kicked, _CMP_EQ_UQ);
         if (_mm256_movemask_pd(same) == 15 || node.particle == kNone || node.inv_mass == 0) return;
+        if (island.body[node.owner].implicit_slot != kNone) {  // stepped with its impulses
+            node.after = island.body[node.owner].origin +
+                         float_vec4(_mm_load_ps(&island.body[node.owner].next[node.particle - island.body[node.owner].particles.first].x));
+            return;
+        }
         const __m128 velocity = _mm256_cvtpd_ps((__m256d)node.velocity);
         p.velocity_x[node.particle] = velocity[0];
         p.velocity_y[node.particle] = velocity[1];
@@ -589,8 +595,9 @@ double note_kick(const KickOfBody& body, const ContactNode& node, const ContactN
 
 // Nodes [begin, end), all of one owner, after kick and drift.
 void gather_run(const AdvanceCall& call, const Particles& particles, size_t begin, size_t end, AdvanceIsland& island, NodeSums& sums) {
-    const bool of_body = island.nodes.node.particle[begin] != kNone, accounting = call.params.account_energy, later = call.substep > 0;
+    const bool of_body = island.nodes.node.particle[begin] != kNone, later = call.substep > 0;
     const AdvanceBody* const body = of_body ? &island.body[island.nodes.node.owner[begin]] : nullptr;
+    const bool accounting = call.params.account_energy && !(body && body->implicit_slot != kNone);
     const KickOfBody kick = of_body ? KickOfBody(*body) : KickOfBody(AdvanceBody{});
     const uint32_t first = of_body ? body->particles.first : 0;
     const Float4 *const now = of_body ? body->now : nullptr, *const next = of_body ? body->next : nullptr;
@@ -768,21 +775,24 @@ void note_velocities(const Particles& particles, ContactNodeSet& nodes) {
     });
 }
 
-void apply_impulses(const AdvanceCall& call, ContactComponents& components, ContactSolver& solver, AdvanceIsland& island,
-                    const AdvanceState& state, AdvanceResult& result) {
+void apply_impulses(const AdvanceCall& call, ContactComponents& components, TissueScratch& tissue, ContactSolver& solver,
+                    AdvanceIsland& island, const AdvanceState& state, AdvanceResult& result) {
+    const bool implicit = has_touched_implicit(island);
     const double fastest = gather_nodes(call, state.particles, island, result) + fastest_rigid(call, island);
     // most constraints are too far away at any velocity: no separation shrinks faster than twice `fastest`
     const double reach = 2.001 * fastest * call.dt;
     for_each_group(solver, [&](ConstraintGroup& group) {
         activate_wide_constraints(call, state, island.nodes, reach, solver, group);
         find_active_constraints(call, state.constraints, reach, solver, island, group);
-        if (solver.starts_warm) warm_start_constraints(solver, island, group);
+        if (solver.starts_warm && !implicit) warm_start_constraints(solver, island, group);
     });
     for (uint32_t g = 0; g < solver.colour[4]; ++g)
         result.active_constraints += solver.group[g].active.size() + solver.group[g].active_lanes;
     solver.bounces = !island.free.empty() && any_bounces(solver);
     const auto is_free = [](const AdvanceFree& f) { return !f.held; };
-    if (any_angular(solver) && std::any_of(island.free.begin(), island.free.end(), is_free)) {
+    if (implicit) {
+        solve_with_implicit(call, tissue, solver, island, state, result);
+    } else if (any_angular(solver) && std::any_of(island.free.begin(), island.free.end(), is_free)) {
         solve_to_convergence(call, components, solver, island, result);
     } else if (any_angular(solver)) {
         // a tool in the hand does not rest on its contacts: the next substep continues from the remaining

@@ -36,14 +36,16 @@ inline void expire_constraint(uint32_t constraint, ContactConstraints& constrain
 // (Moreau 1988; Catto 2005): one sweep leaves less to position correction than sixteen Jacobi iterations with
 // mass splitting (Tonge et al. 2012), and with many points of a fine tool on few tissue triangles Jacobi is
 // 20 times worse in depth. Impulses act on both sides with their inverse masses. Coulomb friction is limited
-// by the accumulated normal impulse. With free bodies: solve_to_convergence.
-void apply_impulses(const AdvanceCall& call, ContactComponents& components, ContactSolver& solver, AdvanceIsland& island,
-                    const AdvanceState& state, AdvanceResult& result);
+// by the accumulated normal impulse. With free bodies: solve_to_convergence; with bodies stepped implicitly:
+// solve_with_implicit.
+void apply_impulses(const AdvanceCall& call, ContactComponents& components, TissueScratch& tissue, ContactSolver& solver,
+                    AdvanceIsland& island, const AdvanceState& state, AdvanceResult& result);
 // Whether constraints start from their impulses of the preceding substep. Not with one sweep per substep: it
 // cannot take back an impulse that another constraint has made superfluous (pressing tools made tissue
 // chatter).
 inline bool may_start_warm(const AdvanceCall& call, const AdvanceIsland& island) {
-    return call.params.contact.iterations > 1 || !island.free.empty();
+    const auto is_touched_implicit = [](const AdvanceBody& b) { return b.touched && b.synchronous(); };
+    return call.params.contact.iterations > 1 || !island.free.empty() || std::ranges::any_of(island.body, is_touched_implicit);
 }
 // The impulse of a constraint in the last substep before the call, N s.
 inline Vec4d warm_start_impulse(const AdvanceCall& call, const ContactConstraints& constraints, uint32_t constraint) {

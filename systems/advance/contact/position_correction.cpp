@@ -271,7 +271,7 @@ void make_moves(double most, AdvanceIsland& island) {
         if (offset != nullptr) {
             move_particle(island.body[node.owner], node, change.change);
             change.change = float_vec4(_mm_load_ps(offset)) - before;
-            change.corrected = true;
+            change.corrected = island.body[node.owner].implicit_slot == kNone;  // others: account_implicit_corrections
         } else {
             node.position = node.after = node.position + change.change;
             island.rigid[node.owner].pose[1].shift = node.position;

@@ -10,6 +10,7 @@
 #include "engine/mesh/surface_walk.hpp"
 #include "engine/mesh/surfaces.hpp"
 #include "systems/advance/contact/contact_impulses.hpp"
+#include "systems/advance/contact/implicit_contacts.hpp"
 #include "systems/advance/contact/position_correction.hpp"
 #include "systems/advance/island/constants.hpp"
 namespace trocar {
@@ -618,7 +619,7 @@ void prepare_wide_constraints(const AdvanceCall& call, ContactSorting& sorting, 
                               const AdvanceState& state) {
     for (uint32_t g = 0; g < solver.colour[4]; ++g) solver.group[g].wide_constraint = solver.group[g].fixed = {};
     const uint32_t count = static_cast<uint32_t>(sorting.order.size());
-    if (count < kFewestConstraints) {
+    if (count < kFewestConstraints || has_touched_implicit(island)) {
         prepare_scalar_constraints(call, false, sorting, solver, island, state);
         return;
     }

@@ -35,6 +35,7 @@ struct AdvanceBody {
     bool synchronous() const { return stepping.integrator == Integrator::kBackwardEuler; }
     double energy = std::numeric_limits<double>::quiet_NaN();  // J, of a synchronous body after its last step of the call
     bool touched = false;                                      // a constraint of the call acts on it
+    uint32_t implicit_slot = kNone;                            // of a touched synchronous body: index in TissueScratch::touched
     // With an embedded surface: nodes and weights of its vertices; else null.
     const std::array<uint32_t, 4>* embedding_node = nullptr;
     const std::array<double, 4>* embedding_weight = nullptr;

@@ -127,6 +127,15 @@ struct NodeSums {
     Vec4d work = {}, damped = {};    // J
 };
 
+// What a node's velocity does under impulses of contact constraints, in islands with bodies that are stepped implicitly in
+// contact.
+struct NodeResponse {
+    Vec4d column[3];  // 1/kg, velocity change per impulse
+    Vec4d impulse;    // N s, of this substep's constraints
+
+    Vec4d operator()(Vec4d j) const { return j[0] * column[0] + j[1] * column[1] + j[2] * column[2]; }
+};
+
 // The contact nodes of an island: particles, hands and free bodies that contact constraints act on.
 struct ContactNodeSet {
     ContactNodes node;
@@ -135,6 +144,7 @@ struct ContactNodeSet {
     std::vector<uint32_t> node_of_particle;  // index in node or kNone, one per particle of the world
     std::vector<EmbeddedPoint> embedded_point;
     std::vector<NodeSums> node_sums;  // per chunk of nodes
+    RawVector<NodeResponse> response;  // as node; empty: nodes respond by their inverse masses
 };
 constexpr uint32_t kNodesPerChunk = 4096;
 

@@ -10,17 +10,28 @@
 #pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
 
-// Scratch of implicit steps for the body being stepped; one element per particle.
+// Scratch of an implicit step of one body; one element per particle.
 struct ImplicitScratch {
-    static constexpr uint32_t kHistory = 6;                              // iterates of a step that are combined
-    std::vector<ImplicitFactor> factor;                                  // of the bodies met so far
+    static constexpr uint32_t kHistory = 6;  // iterates of a step that are combined
+    // Anderson's acceleration: differences of consecutive iterates, changes and forces. products: of changes with forces.
+    struct Acceleration {
+        uint32_t iteration = 0, kept = 0;
+        double products[kHistory][kHistory] = {};
+    };
+    using Symmetric = std::array<float, 6>;                              // xx yy zz xy xz yz
     std::vector<Float4> position, inertia, displacement;                 // m, of an iterate
     std::vector<Float4> force, change;                                   // N; m, by the next plain iteration
     std::vector<Float4> volume_gradient, volume_response;                // m^2; m^3/N: of the enclosed volume
     std::array<std::vector<Float4>, kHistory> iterate, changes, forces;  // differences of consecutive ones
-    std::vector<float> acceleration, still;                              // 3 fields, m/s^2; zeros
+    std::vector<float> rate, still;                                      // 3 fields, m/s^2; zeros
     std::vector<float> volume_force;                                     // 3 fields, N, of tetrahedra in finer steps
     std::vector<double> sums;                                            // 16 per chunk, likewise
+    // Of a body in contact, from the start of its step to the end.
+    Acceleration acceleration;
+    std::vector<Symmetric> metric, response;       // N/m; m/N, its inverse: of each particle alone
+    double energy = 0, damped = 0;                 // J, before the step; work of damping in it
+    double contact = 0, work = 0;                  // J, of contact in the step; energy that nothing accounts for
+    double volume_share = 0;                       // 1/J: of the pressure's part of the inverse; 0 = no pressure
 };
 
 // Memory of steps of deformable bodies.
@@ -34,7 +45,9 @@ struct TissueScratch {
     std::vector<double> sums;                          // per chunk of slices: 16 lanes of damping work
     std::vector<double> shape_sums;                    // per chunk of slices: kShapeSums * 16
     std::vector<std::vector<double>> body_shape_sums;  // as shape_sums, per chunk of bodies
-    ImplicitScratch implicit;
+    std::vector<ImplicitFactor> factor;     // of the bodies met so far
+    ImplicitScratch implicit;               // of the body being stepped, if nothing touches it
+    std::vector<ImplicitScratch> touched;   // of the others
     std::vector<uint8_t> overstretched;  // per chunk of slices of one body: it has an overlong spring
 };
 

@@ -3,6 +3,7 @@
 #include <immintrin.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -23,6 +24,8 @@ constexpr uint32_t kHistory = ImplicitScratch::kHistory;
 // of motion. By trial.
 constexpr uint32_t kMostRounds = 8, kMostHalvings = 30;
 constexpr double kRoundedEnergy = 1e-5;
+// Share of the contact forces on a body by which its momentum may miss them after the last iteration. By trial.
+constexpr double kLeftForce = 2e-3;
 
 __m128 at(const Float4& f) { return _mm_load_ps(&f.x); }
 void put(Float4& f, __m128 v) { _mm_store_ps(&f.x, v); }
@@ -55,10 +58,10 @@ struct EulerStep {
     ImplicitScratch& s;
     ImplicitFactor& factor;
     uint32_t count;
-    double volume_share = 0;  // 1/J: of the pressure's part of the inverse; 0 = no pressure
 };
+using Acceleration = ImplicitScratch::Acceleration;
 
-ImplicitFactor& factor_of(const AdvanceCall& call, const Particles& particles, uint32_t body, ImplicitScratch& s) {
+ImplicitFactor& factor_of(const AdvanceCall& call, const Particles& particles, uint32_t body, TissueScratch& s) {
     const AdvanceInputs& in = call.inputs;
     const double step = factored_step(call.dt);
     const float stiffness = in.bodies.spring_stiffness[body];
@@ -74,7 +77,8 @@ void make_room(ImplicitScratch& s, uint32_t count) {
         field->resize(count);
     for (auto* fields : {&s.iterate, &s.changes, &s.forces})
         for (auto& field : *fields) field.resize(count);
-    s.acceleration.resize(3 * size_t{count});
+    s.volume_share = 0;
+    s.rate.resize(3 * size_t{count});
     s.still.assign(count, 0.0f);
 }
 
@@ -112,7 +116,7 @@ void find_force(EulerStep& e) {
     SpringStep step = b.step;
     step.offset = &s.position[0].x, step.new_offset = &s.change[0].x;
     step.velocity_x = step.velocity_y = step.velocity_z = s.still.data();
-    float* const rate[3] = {s.acceleration.data(), s.acceleration.data() + e.count, s.acceleration.data() + 2 * size_t{e.count}};
+    float* const rate[3] = {s.rate.data(), s.rate.data() + e.count, s.rate.data() + 2 * size_t{e.count}};
     step.new_velocity_x = rate[0], step.new_velocity_y = rate[1], step.new_velocity_z = rate[2];
     step.remainder_x = nullptr;
     step.dt = 0, step.kick_dt = 1, step.kick_less = 0, step.keep = 1, step.back = 0;
@@ -133,7 +137,7 @@ void bind_pressure(EulerStep& e) {
     if (!has_pressure(in.bodies, e.b.body)) return;
     ImplicitScratch& s = e.s;
     const uint32_t prototype = in.bodies.mesh[e.b.body];
-    float* g = s.acceleration.data();
+    float* g = s.rate.data();
     find_volume_gradient(in.springs, prototype, e.b.now, e.scratch.force_sums, g, g + e.count, g + 2 * size_t{e.count});
     for (uint32_t i = 0; i < e.count; ++i) {
         const bool moves = e.b.now[i].w > 0;
@@ -142,23 +146,17 @@ void bind_pressure(EulerStep& e) {
     solve_factor(e.factor, s.volume_gradient.data(), s.volume_response.data(), e.count);
     // p = K (V0 - V) / V0, so dp/dV is the difference of two pressures
     const double stiffness = find_pressure(in.springs, in.bodies, e.b.body, 0) - find_pressure(in.springs, in.bodies, e.b.body, 1);
-    e.volume_share = 1 / (1 / stiffness + product(s.volume_gradient, s.volume_response, e.count));
+    e.s.volume_share = 1 / (1 / stiffness + product(s.volume_gradient, s.volume_response, e.count));
 }
 
 // s.change = A^-1 s.force.
 void solve(EulerStep& e) {
     ImplicitScratch& s = e.s;
     solve_factor(e.factor, s.force.data(), s.change.data(), e.count);
-    if (e.volume_share == 0) return;
-    const __m128 less = _mm_set1_ps(static_cast<float>(e.volume_share * product(s.volume_gradient, s.change, e.count)));
+    if (e.s.volume_share == 0) return;
+    const __m128 less = _mm_set1_ps(static_cast<float>(e.s.volume_share * product(s.volume_gradient, s.change, e.count)));
     for (uint32_t i = 0; i < e.count; ++i) put(s.change[i], _mm_fnmadd_ps(less, at(s.volume_response[i]), at(s.change[i])));
 }
-
-// Anderson's acceleration: differences of consecutive iterates, changes and forces. products: of changes with forces.
-struct Acceleration {
-    uint32_t iteration = 0, kept = 0;
-    double products[kHistory][kHistory] = {};
-};
 
 // Moves to the next iterate: displacement + change, less a combination of the differences. Returns the longest move, m.
 double accelerate(EulerStep& e, Acceleration& a) {
@@ -260,14 +258,213 @@ double finish(EulerStep& e) {
     return implicit_energy(e.call, e.b, e.b.next, e.scratch, e.state);
 }
 
+// ---- in contact ----
+
+// Of each particle alone: twice its own part of the Hessian. H <= 2 D, as k (x_p - x_q)^2 <= 2 k (x_p^2 + x_q^2).
+void find_metric(EulerStep& e) {
+    ImplicitScratch& s = e.s;
+    const SpringStep& step = e.b.step;
+    const double per_h2 = 1 / (e.call.dt * e.call.dt);
+    s.metric.resize(e.count), s.response.resize(e.count);
+    for (uint32_t p = 0; p < e.count; ++p) {
+        const Float4& from = s.position[p];
+        s.metric[p] = s.response[p] = {};
+        if (!(e.b.now[p].w > 0)) continue;
+        const double own = per_h2 / e.b.now[p].w + step.anchor_stiffness[p] + (e.factor.bending.empty() ? 0 : e.factor.bending[p]);
+        double m[6] = {own, own, own, 0, 0, 0};
+        const uint32_t slice = p / kSliceWidth;
+        for (uint32_t c = step.slice_column[slice]; c < step.slice_column[slice + 1]; ++c) {
+            const size_t half = size_t{c} * kSliceWidth + p % kSliceWidth;
+            const uint32_t q = step.neighbour[half];
+            if (q == p) continue;
+            const double x = s.position[q].x - from.x, y = s.position[q].y - from.y, z = s.position[q].z - from.z;
+            const double length2 = x * x + y * y + z * z, rest = step.rest_length[half];
+            const double k = 2 * double{step.stiffness} * (step.spring_factor ? step.spring_factor[half] : 1.0f);
+            const double across = length2 > rest * rest ? 1 - rest / std::sqrt(length2) : 0;
+            const double along = length2 > 0 ? (1 - across) / length2 : 0;
+            m[0] += k * (across + along * x * x), m[1] += k * (across + along * y * y), m[2] += k * (across + along * z * z);
+            m[3] += k * along * x * y, m[4] += k * along * x * z, m[5] += k * along * y * z;
+        }
+        Eigen::Matrix3d matrix;
+        matrix << m[0], m[3], m[4], m[3], m[1], m[5], m[4], m[5], m[2];
+        const Eigen::Matrix3d inverse = matrix.inverse();
+        for (int k = 0; k < 6; ++k) s.metric[p][k] = static_cast<float>(m[k]);
+        s.response[p] = {static_cast<float>(inverse(0, 0)), static_cast<float>(inverse(1, 1)), static_cast<float>(inverse(2, 2)),
+                         static_cast<float>(inverse(0, 1)), static_cast<float>(inverse(0, 2)), static_cast<float>(inverse(1, 2))};
+    }
+}
+
+Float4 times(const ImplicitScratch::Symmetric& m, const Float4& v) {
+    return {m[0] * v.x + m[3] * v.y + m[4] * v.z, m[3] * v.x + m[1] * v.y + m[5] * v.z, m[4] * v.x + m[5] * v.y + m[2] * v.z, 0};
+}
+
+EulerStep bind(const AdvanceCall& call, const AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,
+               AdvanceResult& result) {
+    ImplicitScratch& s = scratch.touched[b.implicit_slot];
+    return {call, island, scratch, state, b, result, s, factor_of(call, state.particles, b.body, scratch), b.particles.count};
+}
+
+// Calls visit(node, index in the body) for the body's contact nodes.
+template <typename Visit>
+void for_nodes_of(const AdvanceIsland& island, const AdvanceBody& b, const Visit& visit) {
+    const uint32_t owner = static_cast<uint32_t>(&b - island.body.data());
+    for (uint32_t n = 0; n < island.nodes.node.size(); ++n) {
+        const uint32_t particle = island.nodes.node.particle[n];
+        if (particle != kNone && island.nodes.node.owner[n] == owner) visit(n, particle - b.particles.first);
+    }
+}
+
+// The change of each particle alone.
+void relax(EulerStep& e) {
+    ImplicitScratch& s = e.s;
+    for (uint32_t i = 0; i < e.count; ++i) s.change[i] = times(s.response[i], s.force[i]);
+}
+
+// Sets the velocities of contact nodes to those of the next iterate.
+void show_nodes(const EulerStep& e, AdvanceIsland& island) {
+    const double per_h = 1 / e.call.dt;
+    for_nodes_of(island, e.b, [&](uint32_t n, uint32_t i) {
+        if (e.b.now[i].w > 0) island.nodes.node.velocity[n] = per_h * float_vec4(_mm_add_ps(at(e.s.displacement[i]), at(e.s.change[i])));
+    });
+}
+
+// Sets the changes of contact nodes by their velocities.
+void take_nodes(EulerStep& e, const AdvanceIsland& island) {
+    for_nodes_of(island, e.b, [&](uint32_t n, uint32_t i) {
+        if (!(e.b.now[i].w > 0)) return;
+        const __m128 u = _mm256_cvtpd_ps((__m256d)(e.call.dt * island.nodes.node.velocity[n]));
+        put(e.s.change[i], _mm_sub_ps(u, at(e.s.displacement[i])));
+    });
+}
+
 }  // namespace
+
+void begin_touched_step(const AdvanceCall& call, const AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state,
+                        AdvanceBody& b, AdvanceResult& result) {
+    EulerStep e = bind(call, island, scratch, state, b, result);
+    ImplicitScratch& s = e.s;
+    make_room(s, e.count);
+    s.energy = std::isfinite(b.energy) ? b.energy : implicit_energy(call, b, b.now, scratch, state);
+    b.last_dt = 0;
+    s.damped = damp(call, scratch, b);
+    s.acceleration = {};
+    const float h = static_cast<float>(call.dt);
+    const float *x = b.step.new_velocity_x, *y = b.step.new_velocity_y, *z = b.step.new_velocity_z;
+    for (uint32_t i = 0; i < e.count; ++i)
+        s.inertia[i] = b.now[i].w > 0 ? Float4{h * x[i], h * y[i], h * z[i], 0} : Float4{};
+    std::copy_n(s.inertia.begin(), e.count, s.displacement.begin());
+    find_force(e);
+    find_metric(e);
+    relax(e);
+    for (uint32_t i = 0; i < e.count; ++i) {
+        const __m128 u = _mm_add_ps(at(s.displacement[i]), at(s.change[i]));
+        put(b.next[i], _mm_add_ps(at(b.now[i]), u));
+        b.step.new_velocity_x[i] = u[0] / h, b.step.new_velocity_y[i] = u[1] / h, b.step.new_velocity_z[i] = u[2] / h;
+    }
+}
+
+void set_responses(const AdvanceCall& call, const AdvanceBody& b, const TissueScratch& scratch, AdvanceIsland& island) {
+    const ImplicitScratch& s = scratch.touched[b.implicit_slot];
+    const double per_h2 = 1 / (call.dt * call.dt);
+    for_nodes_of(island, b, [&](uint32_t n, uint32_t i) {
+        const ImplicitScratch::Symmetric& r = s.response[i];
+        NodeResponse& response = island.nodes.response[n];
+        response.column[0] = per_h2 * make_vec4(r[0], r[3], r[4]);
+        response.column[1] = per_h2 * make_vec4(r[3], r[1], r[5]);
+        response.column[2] = per_h2 * make_vec4(r[4], r[5], r[2]);
+    });
+}
+
+bool relax_touched_step(const AdvanceCall& call, AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,
+                        AdvanceResult& result) {
+    EulerStep e = bind(call, island, scratch, state, b, result);
+    ImplicitScratch& s = e.s;
+    find_force(e);
+    relax(e);
+    ++result.implicit_iterations;
+    const double per_h = 1 / call.dt;
+    Vec4d left = {};
+    for (uint32_t i = 0; i < e.count; ++i) left += float_vec4(at(s.force[i]));
+    double pushes = 0;
+    for_nodes_of(island, b, [&](uint32_t n, uint32_t i) {
+        if (!(b.now[i].w > 0)) return;
+        const Vec4d push = per_h * island.nodes.response[n].impulse;
+        left += push, pushes += std::sqrt(norm2(push));
+        Float4 force;
+        put(force, _mm_add_ps(at(s.force[i]), _mm256_cvtpd_ps((__m256d)push)));
+        s.change[i] = times(s.response[i], force);
+    });
+    show_nodes(e, island);
+    return !(norm2(left) > kLeftForce * kLeftForce * pushes * pushes);
+}
+
+void smooth_touched_step(const AdvanceCall& call, AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,
+                         AdvanceResult& result) {
+    EulerStep e = bind(call, island, scratch, state, b, result);
+    ImplicitScratch& s = e.s;
+    const double per_h = 1 / call.dt;
+    for_nodes_of(island, b, [&](uint32_t n, uint32_t i) {
+        const Vec4d push = per_h * island.nodes.response[n].impulse;
+        put(s.force[i], _mm_add_ps(at(s.force[i]), _mm256_cvtpd_ps((__m256d)push)));
+    });
+    solve(e);
+    for (uint32_t i = 0; i < e.count; ++i) {
+        const Float4 alone = times(s.response[i], s.force[i]);
+        put(s.change[i], _mm_mul_ps(_mm_set1_ps(0.5f), _mm_add_ps(at(s.change[i]), at(alone))));
+    }
+    show_nodes(e, island);
+}
+
+bool accept_touched_step(const AdvanceCall& call, AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,
+                         AdvanceResult& result) {
+    EulerStep e = bind(call, island, scratch, state, b, result);
+    ImplicitScratch& s = e.s;
+    take_nodes(e, island);
+    const double rounding = 0x1p-24 * call.inputs.meshes.info[call.inputs.bodies.mesh[b.body]].radius;
+    const double usual = call.params.gravity.norm() * call.dt * call.dt;
+    for (uint32_t i = 0; i < e.count; ++i) s.force[i] = times(s.metric[i], s.change[i]);
+    const double left = accelerate(e, s.acceleration);
+    return !(left > std::max(rounding, b.stepping.tolerance * std::max(longest(s.displacement, e.count), usual)));
+}
+
+bool finish_touched_step(const AdvanceCall& call, const AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state,
+                         AdvanceBody& b, AdvanceResult& result) {
+    EulerStep e = bind(call, island, scratch, state, b, result);
+    ImplicitScratch& s = e.s;
+    take_nodes(e, island);
+    for (uint32_t i = 0; i < e.count; ++i) put(s.displacement[i], _mm_add_ps(at(s.displacement[i]), at(s.change[i])));
+    b.energy = finish(e);
+    s.contact = 0;
+    for_nodes_of(island, b, [&](uint32_t n, uint32_t i) {
+        s.contact += dot(island.nodes.response[n].impulse, float_vec4(at(s.displacement[i]))) / call.dt;
+    });
+    s.work = b.energy - s.energy - s.damped - work_of_links(island, b) - s.contact;
+    s.acceleration = {};
+    return !(s.work > kRoundedEnergy * (std::abs(b.energy) + std::abs(s.contact)) + rounded_energy(e));
+}
+
+void account_touched_step(const AdvanceCall& call, const TissueScratch& scratch, AdvanceBody& b, AdvanceResult& result) {
+    const ImplicitScratch& s = scratch.touched[b.implicit_slot];
+    ++result.implicit_steps;
+    if (!call.params.account_energy) return;
+    if (b.damping_work) b.damping_work[0] += s.damped;
+    if (!std::isfinite(s.work + s.contact)) return;  // a body about to be restored
+    result.work_contact += s.contact;
+    result.work_numeric += s.work;
+}
+
+void account_corrections(const AdvanceCall& call, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b, AdvanceResult& result) {
+    const double energy = implicit_energy(call, b, b.next, scratch, state);
+    if (std::isfinite(energy - b.energy)) result.work_push += energy - b.energy;
+    b.energy = energy;
+}
 
 void step_backward_euler(const AdvanceCall& call, const AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state,
                          AdvanceBody& b, AdvanceResult& result) {
     TROCAR_ASSERT(!b.touched);  // needs_leapfrog
     ImplicitScratch& s = scratch.implicit;
     make_room(s, b.particles.count);
-    EulerStep e{call, island, scratch, state, b, result, s, factor_of(call, state.particles, b.body, s), b.particles.count};
+    EulerStep e{call, island, scratch, state, b, result, s, factor_of(call, state.particles, b.body, scratch), b.particles.count};
     const double before = std::isfinite(b.energy) ? b.energy : implicit_energy(call, b, b.now, scratch, state);
     b.last_dt = 0;
     const double damped = damp(call, scratch, b);

@@ -26,7 +26,7 @@ double implicit_energy(const AdvanceCall& call, const AdvanceBody& b, const Floa
         others += find_bending_energy(in.springs, prototype, bending_rigidity(in.bodies.tissue[b.body]), offset, scratch.force_sums);
     if (has_pressure(in.bodies, b.body)) {
         const size_t count = b.particles.count;
-        float* g = scratch.implicit.acceleration.data();
+        float* g = scratch.implicit.rate.data();
         others +=
             find_pressure_energy(in.springs, in.bodies, b.body,
                                  find_volume_gradient(in.springs, prototype, offset, scratch.force_sums, g, g + count, g + 2 * count));

@@ -5,10 +5,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "components/links.hpp"
 #include "engine/jobs/parallel.hpp"
 #include "engine/mesh/surfaces.hpp"
 #include "engine/tissue/deformable_setup.hpp"
 #include "engine/tissue/embedded_surface.hpp"
+#include "engine/tissue/pressure_force.hpp"
 #include "engine/tissue/shape_fit.hpp"
 #include "engine/tissue/spring_step.hpp"
 #include "engine/tissue/tet_forces.hpp"
@@ -118,11 +120,29 @@ bool needs_subcycling(const AdvanceCall& call, const Particles& particles, const
            least_volume(call, particles, b, -call.dt, scratch) < kCrushed;
 }
 
-bool needs_leapfrog(const Bodies& bodies, const ContactConstraints& constraints, std::span<const uint32_t> island_constraints) {
+bool needs_leapfrog(const AdvanceInputs& inputs, const ContactConstraints& constraints, std::span<const uint32_t> island_bodies,
+                    std::span<const uint32_t> island_constraints) {
+    const Bodies& bodies = inputs.bodies;
     if (bodies.stepping.empty()) return false;
     const auto is_implicit = [&](uint32_t body) { return stepping_of(bodies, body).integrator == Integrator::kBackwardEuler; };
+    const auto turns = [&](uint32_t body) {
+        if (bodies.motion[body] == Motion::kFree) return true;
+        return bodies.motion[body] == Motion::kHand &&
+               (std::ranges::any_of(inputs.tools, [&](const HandTool& t) { return t.body == body && t.inertia > 0; }) ||
+                std::ranges::any_of(inputs.jaws, [&](const ToolJaw& jaw) { return jaw.body == body; }));
+    };
+    const bool any_turns = std::ranges::any_of(island_bodies, turns);
+    // an implicit step takes as long as this many of leapfrog: 5 to 10 iterations, each with a solution and sweeps
+    constexpr double kLeapfrogSteps = 16;
+    const auto is_tied = [&](uint32_t body) {
+        const Links* links = inputs.other.links;
+        return links && body < links->stable_dt.size() && links->stable_dt[body] < kLeapfrogSteps * bodies.stable_dt[body];
+    };
+    const auto unsolved = [&](uint32_t body) {
+        return is_implicit(body) && (any_turns || has_pressure(bodies, body) || is_tied(body));
+    };
     return std::ranges::any_of(island_constraints,
-                               [&](uint32_t c) { return is_implicit(constraints.body[c]) || is_implicit(constraints.other[c]); });
+                               [&](uint32_t c) { return unsolved(constraints.body[c]) || unsolved(constraints.other[c]); });
 }
 
 uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::span<const uint32_t> island_bodies, double dt,
