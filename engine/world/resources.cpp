@@ -339,8 +339,11 @@ void load_resource(const CaptureRecord& record, Resource resource, World& world)
 
 uint64_t state_hash(const World& world) {
     Hasher hasher;
-    for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
-        if (resource_kind(static_cast<Resource>(r)) == ResourceKind::kState) visit_resource(world, static_cast<Resource>(r), hasher);
+    for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r) {
+        if (resource_kind(static_cast<Resource>(r)) != ResourceKind::kState) continue;
+        if (static_cast<Resource>(r) == Resource::kSelfContacts && world.self_contacts.body.empty()) continue;  // nothing touches itself
+        visit_resource(world, static_cast<Resource>(r), hasher);
+    }
     return hasher.hash.value;
 }
 

@@ -18,6 +18,7 @@
 #include "components/picture.hpp"
 #include "components/report.hpp"
 #include "components/scene.hpp"
+#include "components/self_contact.hpp"
 #include "components/self_crossing.hpp"
 #include "components/solids.hpp"
 #include "components/spawning.hpp"
@@ -50,6 +51,7 @@ struct World {
     Haptics haptics;  // tool: constant
     PairMemory pair_memory;
     ContactMemory contact_memory;
+    SelfContacts self_contacts;
     Sleep sleep;
     Links links;
     Torn torn;
@@ -83,6 +85,7 @@ struct World {
     Islands islands;
     SurfaceNormals normals;
     SelfCrossingCounts self_crossings;
+    SelfContactStart self_contact_start;
     TornSprings torn_springs;
     HoldingGroups holding_groups;
     // output
@@ -149,7 +152,9 @@ struct CaptureRecord;
     R(kMemoryOrder, memory_order, "memory order", kDerived)                      \
     R(kLoadedConstraints, loaded_constraints, "loaded constraints", kDerived)    \
     R(kHoldingGroups, holding_groups, "holding groups", kDerived)                \
-    R(kSelfCrossings, self_crossings, "self-crossings", kDerived)
+    R(kSelfCrossings, self_crossings, "self-crossings", kDerived)                \
+    R(kSelfContacts, self_contacts, "self-contacts", kState)                     \
+    R(kSelfContactStart, self_contact_start, "self-contact start", kDerived)
 
 enum class Resource : uint8_t {
 #define TROCAR_RESOURCE_BIT(bit, ...) bit,

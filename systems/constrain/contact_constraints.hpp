@@ -31,7 +31,7 @@ struct ContactConstraintsScratch {
 // (inverted_contact.hpp) have none while another inside point of the pair has one. (Coarse colliding balls need all
 // their contacts.) Contacts of a tool that leaves a body (ToolState::exit) have none. A point of a static body, or of a rigid body against
 // another, has none if its surface goes on towards the plane, flat or less bent than the plane is tilted: no point within a smooth surface
-// acts as a corner.
+// acts as a corner. Two sheets with self-contact have none: see self_contacts.hpp.
 void make_contact_constraints(const ContactInputs& in, const Contacts& contacts, const Penetrations& penetrations,
                               ContactConstraintsScratch& scratch, Report& report, ContactConstraints& constraints,
                               const Haptics& haptics = {});
