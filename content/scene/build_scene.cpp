@@ -499,7 +499,7 @@ void choose_self_contact(const BodySpec& spec, World& world, uint32_t body) {
     Bodies& bodies = world.bodies;
     const MeshInfo& info = world.meshes.info[bodies.mesh[body]];
     const bool sheet = info.admission == Admission::kSheet;
-    if (!spec.self_contact.value_or(sheet)) return;
+    if (!spec.self_contact) return;
     bodies.self_contact.resize(bodies.mesh.size(), 0);
     bodies.self_contact[body] = sheet ? bodies.thickness[body] : kSelfContactEdges * info.mean_edge;
 }

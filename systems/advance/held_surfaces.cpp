@@ -88,6 +88,14 @@ void share_velocity(const CrossedBody& b, std::span<const uint32_t> vertices) {
     }
 }
 
+// Puts the whole body back where it started.
+void hold_all(const CrossedBody& b, HeldSurfacesScratch& scratch) {
+    for (uint32_t v = 0; v < b.start.size(); ++v)
+        if (v < b.mesh.position.size() || b.start[v].w > 0) hold_vertex(v, scratch);  // not padding
+    std::copy(b.start.begin(), b.start.end(), b.offset());
+    share_velocity(b, scratch.vertex);
+}
+
 void hold_body(const CrossedBody& b, HeldSurfacesScratch& scratch) {
     const auto crosses = [&] {
         find_crossing_faces(b.mesh.triangle, b.offset(), scratch.crossing, scratch.faces);
@@ -103,11 +111,7 @@ void hold_body(const CrossedBody& b, HeldSurfacesScratch& scratch) {
         put_back(b, scratch);
         crossed = crosses();
     }
-    if (crossed) {
-        for (uint32_t v = 0; v < b.start.size(); ++v)
-            if (v < b.mesh.position.size() || b.start[v].w > 0) hold_vertex(v, scratch);  // not padding
-        std::copy(b.start.begin(), b.start.end(), b.offset());
-    }
+    if (crossed) return hold_all(b, scratch);
     share_velocity(b, scratch.vertex);
 }
 
@@ -137,8 +141,9 @@ void hold_surfaces(const SelfContactStart& start, const Meshes& meshes, const En
                             state.particles, inputs.bodies.particles[body].first};
         if (count_crossing_faces(b.mesh.triangle, b.offset(), scratch.crossing) == 0) continue;
         if (count_crossing_faces(b.mesh.triangle, b.start.data(), scratch.crossing) > 0) continue;
-        const double before = account_energy ? energy_of(inputs, body, scratch.energy) : 0;
+        const double before = energy_of(inputs, body, scratch.energy);
         hold_body(b, scratch);
+        if (!(energy_of(inputs, body, scratch.energy) <= before)) hold_all(b, scratch);
         state.report.held_vertices += scratch.vertex.size();
         if (account_energy) state.energy.work_numeric += energy_of(inputs, body, scratch.energy) - before;
     }

@@ -32,8 +32,8 @@ struct HeldSurfacesState {
 //
 // The vertices of crossing faces and of those around them go back to where they were, all displaced by their mean displacement, so
 // that they go along with what carries them; where that still crosses, more are added, ring by ring, and in the end all vertices
-// of the body, without displacement. They get their mean velocity, which keeps momentum; the energy that is lost is booked as
-// work_numeric. A surface that crossed itself at the start is left to its contacts.
+// of the body, without displacement; these also if holding a part would add energy by stretching what is around it. They get their mean
+// velocity, which keeps momentum, or none if one is fixed; the energy that is lost is booked as work_numeric. A surface that crossed itself at the start is left to its contacts.
 void hold_surfaces(const SelfContactStart& start, const Meshes& meshes, const EnergyInputs& inputs, bool account_energy,
                    HeldSurfacesScratch& scratch, HeldSurfacesState state);
 

@@ -234,6 +234,17 @@ SelfContactPair measure_vertex(const NearSurfaces& n, const SelfContacts& before
     return pair;
 }
 
+// Whether a direction leads away from a face of an edge: not along the surface, as between edges of a plane.
+template <typename At>
+bool leads_away(const MeshView& mesh, uint32_t edge, const Vec3d& direction, const At& at) {
+    return std::ranges::any_of(mesh.edge_triangle[edge], [&](uint32_t t) {
+        if (t >= mesh.triangle.size()) return false;
+        const auto [a, b, c] = mesh.triangle[t];
+        const Vec3d normal = (at(b) - at(a)).cross(at(c) - at(a));
+        return std::abs(normal.dot(direction)) > kAbove * normal.norm();
+    });
+}
+
 // Measures two edges.
 SelfContactPair measure_edges(const NearSurfaces& n, const SelfContacts& before, Range of_pair, uint32_t edge, uint32_t other_edge) {
     SelfContactPair pair;
@@ -245,6 +256,9 @@ SelfContactPair measure_edges(const NearSurfaces& n, const SelfContacts& before,
     const Vec3d normal = along.cross(across) / std::sqrt(found.sine2), a = p + found.s * along, b = q + found.t * across;
     const double height = normal.dot(a - b);
     if (!(std::abs(height) < n.reach)) return pair;
+    if (!leads_away(n.mesh, edge, normal, [&](uint32_t i) { return n.point(i); }) &&
+        !leads_away(n.other_mesh, other_edge, normal, [&](uint32_t i) { return n.other_point(i); }))
+        return pair;
     pair.kept = true;
     const uint32_t index = find_before(before, of_pair, true, pair.feature);
     pair.positive = index != kNone ? before.positive[index] != 0 : height >= 0;

@@ -50,7 +50,7 @@ struct SelfContactPass {
 // Contacts of every awake body that has self-contact (Bodies::self_contact) with itself, and of two sheets that have it, as
 // constraints behind all others: a vertex stays on its side of a triangle, an edge on its side of one that it crosses, at the
 // distance of the body or, of two sheets, of both half thicknesses; parts that are nearer at rest keep that distance. Parts
-// that share a vertex are left out, and so is a triangle whose neighbour is nearer. Sides are those of the pass in which a pair came near.
+// that share a vertex are left out, and so are a triangle whose neighbour is nearer and what is beside each other in a surface. Sides are those of the pass in which a pair came near.
 //
 // A look (find_near_features) finds all pairs within a reach and is used again until some vertex has moved by half of what was added to
 // the reach, relative to the body's mean motion: that changes time, never results. A pair is near if its distance is below
