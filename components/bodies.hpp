@@ -78,15 +78,20 @@ struct Bodies {
     std::vector<double> stable_dt;        // s, stability limit of the explicit step; infinity for rigid bodies
     std::vector<Stepping> stepping;       // empty = leapfrog for all
     std::vector<double> thickness;        // m, sheets only
+    std::vector<double> self_contact;     // m, distance that a surface keeps from itself, 0 = may pass through itself; empty = all may
     std::vector<RigidMass> rigid_mass;    // one element per free body, ascending by body
     TROCAR_FIELDS(entity, name, mesh, "index of meshes", motion, particles, "range of particles", tree, anchor_frame, tissue,
-                  spring_stiffness, "N/m", inv_mass, "1/kg", stable_dt, "s", thickness, "m", rigid_mass, stepping);
+                  spring_stiffness, "N/m", inv_mass, "1/kg", stable_dt, "s", thickness, "m", self_contact, "m", rigid_mass, stepping);
 };
 
 // Names become parts of file names and messages: at most 80 bytes, without /, \, " and control characters.
 inline bool is_body_name(std::string_view name) {
     const auto is_bad = [](char c) { return (c >= 0 && c < ' ') || c == 127 || c == '/' || c == '\\' || c == '"'; };
     return name.size() <= 80 && std::none_of(name.begin(), name.end(), is_bad);
+}
+
+inline double self_contact_of(const Bodies& bodies, uint32_t body) {
+    return body < bodies.self_contact.size() ? bodies.self_contact[body] : 0;
 }
 
 inline Stepping stepping_of(const Bodies& bodies, uint32_t body) {

@@ -220,9 +220,14 @@ struct ContactConstraints {
     std::vector<float> friction;
     std::vector<Vec3d> impulse;     // N s, on body, summed over the period (written by response)
     std::vector<Vec3d> warm_start;  // N, warm-start force on body, world axes, from the substep before the period; empty = zero
+    std::vector<double> gap;        // m, that the point keeps from the plane, if above 0: of self-contacts; empty = none
     TROCAR_FIELDS(contact, body, other, vertex, along, third, across, triangle, weight, normal, distance, "m", friction, impulse, "N s",
-                  warm_start, "N");
+                  warm_start, "N", gap, "m");
 };
+
+inline double gap_of(const ContactConstraints& constraints, uint32_t constraint) {
+    return constraint < constraints.gap.size() ? constraints.gap[constraint] : 0;
+}
 
 // Bodies joined by contact constraints. Islands ascend by smallest body; bodies and constraints ascend.
 struct Islands {

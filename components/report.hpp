@@ -64,6 +64,9 @@ inline constexpr uint8_t kOfRun = kInMetrics | kOnPage;  // counted by the run, 
            "least signed volume of a tetrahedron / its volume at rest, all substeps so far; infinity without solids")                  \
     ISLAND(kSum, inverted_tetrahedra, "", kTrouble, "times a tetrahedron was inside out at the end of a pass")                         \
     PASS(kSum, self_crossings, "", kTrouble, "pairs of faces of one body crossed at the end of a displayed frame, at most")            \
+    PASS(kSum, self_contacts, "", kFigure, "contact constraints of surfaces with themselves and of two sheets, sum over passes")       \
+    PASS(kSum, turned_sides, "", kTrouble, "times parts of one surface, or two sheets, were found on the wrong side of each other")    \
+    PASS(kSum, held_vertices, "", kTrouble, "times a vertex was held back at the end of a pass, where its surface would have crossed")  \
     ISLAND(kSum, short_steps, "", kTrouble, "steps shorter than 0.02 ms")                                                              \
     ISLAND(kSum, runaway_bodies, "", kTrouble, "times a body was restored because its energy had grown spontaneously")                 \
     PASS(kSum, awake_bodies, "", kFigure, "deformable bodies that were moved in the last pass")                                        \

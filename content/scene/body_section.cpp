@@ -142,6 +142,8 @@ void check_body(const TomlSection& section, const BodySpec& body) {
     if (body.scatter.rate > 0 && (body.motion != Motion::kDeformable || std::isfinite(body.break_strain)))
         section.fail("body \"" + body.name + "\": only deformable bodies that do not break come and go (scatter.rate)");
     if (body.motion == Motion::kKinematic && body.path.empty()) section.fail("kinematic body \"" + body.name + "\" needs a [[body.path]]");
+    if (body.self_contact && body.motion != Motion::kDeformable)
+        section.fail("body \"" + body.name + "\": only a deformable body has self_contact");
     if (body.motion != Motion::kFree && (!body.velocity.isZero(0) || !body.spin.isZero(0)))
         section.fail("body \"" + body.name + "\": only a free body starts with a velocity or spin of its own");
 }
@@ -193,6 +195,7 @@ BodySpec read_body(TomlSection section) {
     section.read_count("iterations", body.iterations, 1, 1e4);
     section.read("step", body.step, 1e-9, 1);
     section.read("thickness", body.thickness, 1e-9, 1e3);
+    section.read("self_contact", body.self_contact);
     section.read("mass", body.mass, 1e-6, 1e6);
     section.read("velocity", body.velocity);
     section.read("spin", body.spin);

@@ -517,6 +517,19 @@ void open_pools(World& world) {
     }
 }
 
+// m, distance that the surface of a closed body keeps from itself, in mean edges: as far as a resting body may stray between two
+// passes (least_drift_bound).
+constexpr double kSelfContactEdges = 0.05;
+
+void choose_self_contact(const BodySpec& spec, World& world, uint32_t body) {
+    Bodies& bodies = world.bodies;
+    const MeshInfo& info = world.meshes.info[bodies.mesh[body]];
+    const bool sheet = info.admission == Admission::kSheet;
+    if (!spec.self_contact) return;
+    bodies.self_contact.resize(bodies.mesh.size(), 0);
+    bodies.self_contact[body] = sheet ? bodies.thickness[body] : kSelfContactEdges * info.mean_edge;
+}
+
 void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototype& prototype, BuiltScene& built) {
     World& world = built.world;
     Tissue tissue = spec.tissue;
@@ -550,6 +563,7 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
         if (!spec.regions.empty()) add_tissue_regions(scene, spec, world, body);
         if (may_tear(scene, spec)) let_tear(world, body, spec.break_strain);
         choose_stepping(scene, spec, world, body);
+        choose_self_contact(spec, world, body);
     }
     if (spec.scatter.rate > 0 && spec.copy + 1 == spec.scatter.count) add_pool(scene, spec, body, world);
     if (spec.copy > 0) return;

@@ -47,6 +47,7 @@ struct BodySpec {
     double step = 0;                                                // s, largest step of this body; 0 = default
     double fixed_below = -1e300;                                    // m, vertices with lower rest z are fixed
     double thickness = 1e-3;                                        // m, sheets
+    bool self_contact = false;                                      // the surface touches itself
     double mass = 0;                                                // kg; 0: hand 0.05, free by density
     Vec3d velocity = Vec3d::Zero();                                 // m/s, initial, of a free body's origin
     Vec3d spin = Vec3d::Zero();                                     // rad/s, initial, free, world axes

@@ -141,6 +141,7 @@ struct LeafSearch {
     const Float4* position;
     const CrossingFacesScratch& tree;
     uint32_t leaf;
+    std::vector<uint32_t>* faces = nullptr;  // takes both of each pair
     uint32_t tests = 0, crossings = 0;
 
     void meet(uint32_t other) {
@@ -156,7 +157,9 @@ struct LeafSearch {
             near &= unparted(a, lane, b);
             for (; near != 0 && tests < kMostExactTests; near &= near - 1, ++tests) {
                 const uint32_t face = kLanes * other + static_cast<uint32_t>(std::countr_zero(near));
-                crossings += cross_exactly(triangle[kLanes * leaf + lane], triangle[face], position);
+                if (!cross_exactly(triangle[kLanes * leaf + lane], triangle[face], position)) continue;
+                ++crossings;
+                if (faces) faces->push_back(kLanes * leaf + lane), faces->push_back(face);
             }
         }
     }
@@ -201,6 +204,16 @@ uint64_t count_crossing_faces(std::span<const Triangle> triangle, const Float4* 
         crossings.fetch_add(found, std::memory_order_relaxed);
     });
     return crossings;
+}
+
+void find_crossing_faces(std::span<const Triangle> triangle, const Float4* position, CrossingFacesScratch& scratch,
+                         std::vector<uint32_t>& faces) {
+    faces.clear();
+    if (triangle.empty()) return;
+    build_tree(triangle, position, scratch);
+    for (uint32_t leaf = 0; leaf < scratch.leaf.size(); ++leaf) LeafSearch{triangle, position, scratch, leaf, &faces}.run();
+    std::sort(faces.begin(), faces.end());
+    faces.erase(std::unique(faces.begin(), faces.end()), faces.end());
 }
 
 }  // namespace trocar

@@ -36,4 +36,8 @@ inline constexpr uint32_t kMostExactTests = 1024;
 // element a vertex. The same for any number of threads.
 uint64_t count_crossing_faces(std::span<const Triangle> triangle, const Float4* position, CrossingFacesScratch& scratch);
 
+// The faces of those pairs, ascending. Not in parallel.
+void find_crossing_faces(std::span<const Triangle> triangle, const Float4* position, CrossingFacesScratch& scratch,
+                         std::vector<uint32_t>& faces);
+
 }  // namespace trocar

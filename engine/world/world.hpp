@@ -20,6 +20,7 @@
 #include "components/picture.hpp"
 #include "components/report.hpp"
 #include "components/scene.hpp"
+#include "components/self_contact.hpp"
 #include "components/self_crossing.hpp"
 #include "components/solids.hpp"
 #include "components/spawning.hpp"
@@ -53,6 +54,7 @@ struct World {
     Haptics haptics;  // tool: constant
     PairMemory pair_memory;
     ContactMemory contact_memory;
+    SelfContacts self_contacts;
     Sleep sleep;
     Links links;
     Torn torn;
@@ -87,6 +89,7 @@ struct World {
     Islands islands;
     SurfaceNormals normals;
     SelfCrossingCounts self_crossings;
+    SelfContactStart self_contact_start;
     TornSprings torn_springs;
     HoldingGroups holding_groups;
     // output
@@ -155,9 +158,11 @@ struct CaptureRecord;
     R(kLoadedConstraints, loaded_constraints, "loaded constraints", kDerived)    \
     R(kHoldingGroups, holding_groups, "holding groups", kDerived)                \
     R(kSelfCrossings, self_crossings, "self-crossings", kDerived)                \
-    R(kPassedSurfaces, passed_surfaces, "passed surfaces", kAccounts)                \
+    R(kPassedSurfaces, passed_surfaces, "passed surfaces", kAccounts)             \
     R(kActions, actions, "actions", kConstant)                                   \
-    R(kActionState, action_state, "action state", kState)
+    R(kActionState, action_state, "action state", kState)                          \
+    R(kSelfContacts, self_contacts, "self-contacts", kState)                     \
+    R(kSelfContactStart, self_contact_start, "self-contact start", kDerived)
 
 enum class Resource : uint8_t {
 #define TROCAR_RESOURCE_BIT(bit, ...) bit,

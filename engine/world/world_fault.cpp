@@ -337,7 +337,7 @@ void check_body(const World& w, uint32_t body) {
 
 bool body_rows_fit(const World& w) {
     const size_t n = w.bodies.mesh.size();
-    return all_have(w.bodies, n, {"rigid_mass", "stepping"}) && all_have(w.poses, n);
+    return all_have(w.bodies, n, {"rigid_mass", "stepping", "self_contact"}) && all_have(w.poses, n);
 }
 
 void check_pose(const Poses& poses, uint32_t body) {
@@ -513,6 +513,18 @@ void check_contact_memory(const World& w) {
     }
 }
 
+void check_self_contacts(const World& w) {
+    for (const double distance : w.bodies.self_contact) require(distance >= 0, "bodies: a distance of self-contact is negative");
+    require(w.bodies.self_contact.size() <= w.bodies.mesh.size(), "bodies: distances of self-contact of no body");
+    const SelfContacts& c = w.self_contacts;
+    for (uint32_t i = 0; i < c.body.size(); ++i) {
+        const MeshInfo &first = w.meshes.info[w.bodies.mesh[c.body[i]]], &second = w.meshes.info[w.bodies.mesh[c.other[i]]];
+        require_below(c.feature[i][0], c.edges[i] ? first.edges.count : first.vertices.count, "self-contact of feature");
+        require_below(c.feature[i][1], c.edges[i] ? second.edges.count : second.triangles.count, "self-contact with feature");
+        require(c.force[i].allFinite(), "self-contact: a force is not finite");
+    }
+}
+
 void check_clock_and_settings(const World& w) {
     const ContactParams& c = w.settings.contact;
     require(w.settings.gravity.allFinite(), "settings: gravity is not finite");
@@ -536,6 +548,7 @@ void check_world(const World& w) {
     check_tears(w);
     require(all_have(w.pair_memory, w.pair_memory.a.size()), "pair memory: arrays of different length");
     check_contact_memory(w);
+    check_self_contacts(w);
     check_clock_and_settings(w);
     require(not_a_number.empty(), not_a_number);
 }

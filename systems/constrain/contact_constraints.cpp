@@ -13,26 +13,6 @@
 namespace trocar {
 namespace {
 
-// Barycentric coordinates on a grid of 2^-23, so that the three floats add up to exactly one.
-std::array<float, 3> barycentric(const Vec3d& p, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
-    const Vec3d u = b - a, v = c - a, w = p - a;
-    const double uu = u.dot(u), uv = u.dot(v), vv = v.dot(v), wu = w.dot(u), wv = w.dot(v);
-    const double area = uu * vv - uv * uv;
-    double y = 0, z = 0;
-    if (area > 1e-12 * uu * vv) {
-        y = (vv * wu - uv * wv) / area;
-        z = (uu * wv - uv * wu) / area;
-    } else if (std::max(uu, vv) > 0) {
-        // a sliver: along its longer side from a
-        (uu >= vv ? y : z) = uu >= vv ? wu / uu : wv / vv;
-    }
-    y = std::clamp(y, 0.0, 1.0);
-    z = std::clamp(z, 0.0, 1.0 - y);
-    const double unit = 1 << 23;
-    const double fy = std::floor(y * unit) / unit, fz = std::floor(z * unit) / unit;
-    return {float(1.0 - fy - fz), float(fy), float(fz)};
-}
-
 // Marks all but the deepest contacts of a body over capacity; of equal depths the first stay.
 void drop_shallowest(uint32_t capacity, uint32_t body, const Contacts& contacts, ContactConstraintsScratch& scratch, Report& report) {
     scratch.crowded.clear();
@@ -212,6 +192,7 @@ constexpr double kAlongPair = 0.5;
 bool make_constraint(const ContactInputs& in, const Contacts& contacts, const Penetrations& penetrations, uint32_t i,
                      ContactConstraintsScratch& scratch, ContactConstraints& constraints) {
     const Surfaces& surfaces = in.surfaces;
+    if (touch_as_sheets(surfaces, contacts.body[i], contacts.other[i])) return false;
     if (in.params.faces && is_beyond_sheet(surfaces, contacts, i)) return false;
     const uint32_t body = contacts.body[i], other = contacts.other[i];
     Support at{contacts.closest[i], contacts.normal[i], contacts.distance[i], contacts.triangle[i]};
@@ -265,7 +246,7 @@ bool make_constraint(const ContactInputs& in, const Contacts& contacts, const Pe
     constraints.third[i] = contacts.third[i];
     constraints.across[i] = contacts.across[i];
     constraints.triangle[i] = corner;
-    constraints.weight[i] = barycentric(p, vertex_in_frame(surfaces, other, corner[0]), vertex_in_frame(surfaces, other, corner[1]),
+    constraints.weight[i] = barycentric_weights(p, vertex_in_frame(surfaces, other, corner[0]), vertex_in_frame(surfaces, other, corner[1]),
                                         vertex_in_frame(surfaces, other, corner[2]));
     constraints.normal[i] = is_deformable(surfaces.bodies, other) ? normal : rotate_back(surfaces.poses.orientation[other], normal);
     constraints.distance[i] = distance;
@@ -358,7 +339,7 @@ void add_dent_planes(const ContactInputs& in, const Contacts& contacts, const Ha
             if (!(distance < nearly && closest_point_on_triangle(foot, at[0], at[1], at[2]).squared_distance <= nearly * nearly)) continue;
             repeat_constraint(c, constraints);
             constraints.triangle.back() = mesh.triangle[neighbour];
-            constraints.weight.back() = barycentric(foot, at[0], at[1], at[2]);
+            constraints.weight.back() = barycentric_weights(foot, at[0], at[1], at[2]);
             constraints.normal.back() = across;
             constraints.distance.back() = distance;
         }

@@ -30,7 +30,8 @@ struct ContactConstraintsScratch {
 // body itself separates from a sheet have none. Between a tool or free body and a deformable one, inverted contacts (inverted_contact.hpp)
 // have none while another inside point of the pair has one. (Coarse colliding balls need all their contacts.) Contacts of a tool that
 // leaves a body (ToolState::exit) have none. A point of a static body, or of a rigid body against another, has none if its surface goes on
-// towards the plane, flat or less bent than the plane is tilted: no point within a smooth surface acts as a corner.
+// towards the plane, flat or less bent than the plane is tilted: no point within a smooth surface acts as a corner. Two sheets with self-contact
+// have none: see self_contacts.hpp.
 void make_contact_constraints(const ContactInputs& in, const Contacts& contacts, const Penetrations& penetrations,
                               ContactConstraintsScratch& scratch, Report& report, ContactConstraints& constraints,
                               const Haptics& haptics = {});

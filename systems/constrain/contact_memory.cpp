@@ -234,7 +234,7 @@ void remember_contacts(const ContactConstraints& constraints, ContactMemory& mem
     for (uint32_t constraint = 0; constraint < constraints.warm_start.size(); ++constraint) {
         const bool edge = constraints.vertex[constraint][0] != constraints.vertex[constraint][1];
         const bool ahead = constraints.contact[constraint] == kNone && constraints.distance[constraint] > 0;  // speculative edge contacts
-        if (is_dent_plane(constraints, constraint)) continue;
+        if (is_dent_plane(constraints, constraint) || gap_of(constraints, constraint) > 0) continue;
         if ((constraints.impulse[constraint] == Vec3d::Zero() && (!edge || ahead)) || constraints.third[constraint] != kNone) continue;
         memory.body.push_back(constraints.body[constraint]);
         memory.other.push_back(constraints.other[constraint]);

@@ -8,6 +8,7 @@
 
 #include "engine/contact/sleeping_bodies.hpp"
 #include "engine/world/world.hpp"
+#include "systems/advance/held_surfaces.hpp"
 #include "systems/advance/islands.hpp"
 #include "systems/constrain/contact_constraints.hpp"
 #include "systems/constrain/contact_memory.hpp"
@@ -15,6 +16,7 @@
 #include "systems/constrain/edge_constraints.hpp"
 #include "systems/constrain/islands.hpp"
 #include "systems/constrain/redundant_constraints.hpp"
+#include "systems/constrain/self_contacts.hpp"
 #include "systems/detect/broad/broad_phase_pairs.hpp"
 #include "systems/detect/broad/candidate_cells.hpp"
 #include "systems/detect/broad/rasterise.hpp"
@@ -76,6 +78,8 @@ struct FrameScratch {
     EdgeConstraintsScratch edge_constraints;
     CulledConstraintsScratch culled_constraints;
     RedundantConstraintsScratch redundant_constraints;
+    SelfContactScratch self_contacts;
+    HeldSurfacesScratch held_surfaces;
     IslandsScratch islands;
     LocalContactScratch local_contact;
     Poses foreseen;  // of foresee_paths

@@ -136,6 +136,15 @@ void redundant_constraints(World& w, FrameState& f) {
     drop_redundant_constraints(surfaces_of(w), f.scratch.redundant_constraints, w.contact_constraints);
 }
 void warm_start(World& w, FrameState&) { recall_contacts(w.contact_memory, w.memory_order, w.contact_constraints); }
+bool any_pair(const World& w) {
+    return w.bodies.motion.size() > 1 && std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands);
+}
+void self_contacts(World& w, FrameState& f) {
+    const double period = period_seconds(w);
+    find_self_contacts({period, fall_in_period(w.settings.gravity, period), surfaces_of(w), w.pairs, w.sleep, !any_pair(w)},
+                       f.scratch.self_contacts, w.report, w.self_contacts, w.contact_constraints);
+    note_start(surfaces_of(w), w.springs, w.sleep, w.self_contact_start);
+}
 void islands(World& w, FrameState& f) { find_islands(w.bodies, w.contact_constraints, f.scratch.islands, w.islands, w.joined_bodies); }
 // Number of a local contact model: that of its pass, and in the upper half when in the pass its round began.
 uint64_t model_sequence(const Clock& clock) { return clock.pass + 1 + ((clock.tick - pass_tick(clock.pass, clock.contact_rate)) << 32); }
@@ -194,6 +203,11 @@ void passed_surfaces(World& w, FrameState& f) {
                          w.report);
 }
 void contact_memory(World& w, FrameState&) { remember_contacts(w.contact_constraints, w.contact_memory); }
+void self_contact_forces(World& w, FrameState&) { remember_self_contacts(w.contact_constraints, w.self_contacts); }
+void held_surfaces(World& w, FrameState& f) {
+    hold_surfaces(w.self_contact_start, w.meshes, energy_inputs(w), f.options.account_energy, f.scratch.held_surfaces,
+                  {w.particles, w.energy, w.report});
+}
 void link_forces(World& w, FrameState&) { note_link_forces(period_seconds(w), w.haptics.tool, w.haptics.jaw, w.links, w.haptics.state); }
 void hand_forces(World& w, FrameState& f) { end_hand_pass(w.clock, !f.options.external_ticks, w.haptics); }
 
@@ -225,8 +239,9 @@ bool any_path(const World& w) {
 bool any_switch(const World& w) { return !w.nodes.toggle.empty() || !w.nodes.exchange.empty(); }
 bool any_pool(const World& w) { return !w.pools.slots.empty(); }
 bool any_tool(const World& w) { return !w.haptics.tool.empty(); }
-bool any_pair(const World& w) {
-    return w.bodies.motion.size() > 1 && std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands);
+using stages::any_pair;
+bool any_self_contact(const World& w) {
+    return std::any_of(w.bodies.self_contact.begin(), w.bodies.self_contact.end(), [](double distance) { return distance > 0; });
 }
 bool wants_regions(const World& w) { return w.settings.contact.regions && any_pair(w); }
 bool wants_contours(const World& w) { return (w.settings.contact.contours && any_pair(w)) || wants_regions(w); }
@@ -334,6 +349,8 @@ constexpr FrameStage kStages[] = {
         mask(R::kContactConstraints)}, any_pair},
     {S::kWarmStart,       P::kDetection,{"warm start",      run<stages::warm_start>,        mask(R::kContactMemory, R::kMemoryOrder),
         mask(R::kContactConstraints)}, any_pair},
+    {S::kSelfContacts,    P::kDetection,{"self-contacts",   run<stages::self_contacts>,     kShapes | mask(R::kSettings, R::kSprings, R::kClock, R::kPairs, R::kSleep),
+        mask(R::kSelfContacts, R::kSelfContactStart, R::kContactConstraints, R::kReport)}, any_self_contact},
     {S::kIslands,         P::kDetection,{"islands",         run<stages::islands>,           mask(R::kBodies, R::kContactConstraints, R::kJoinedBodies),
         mask(R::kIslands)}, any_mover},
     {S::kLocalContact,    P::kHaptics,  {"local contact",   run<stages::local_contact>,     kShapes | mask(R::kClock, R::kPaths, R::kTools, R::kToolState, R::kNodeState, R::kBoxes),
@@ -354,6 +371,10 @@ constexpr FrameStage kStages[] = {
         mask(R::kPassedSurfaces, R::kReport)}, any_tool_and_tissue},
     {S::kContactMemory,   P::kAdvance,  {"contact memory",  run<stages::contact_memory>,    mask(R::kContactConstraints),
         mask(R::kContactMemory)}, any_mover},
+    {S::kSelfContactForces,P::kAdvance, {"self-contact forces",run<stages::self_contact_forces>,mask(R::kContactConstraints),
+        mask(R::kSelfContacts)}, any_self_contact},
+    {S::kHeldSurfaces,    P::kAdvance,  {"held surfaces",   run<stages::held_surfaces>,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kSelfContactStart),
+        mask(R::kParticles, R::kEnergy, R::kReport)}, any_self_contact},
     {S::kLinkForces,      P::kAdvance,  {"link forces",     run<stages::link_forces>,       mask(R::kClock, R::kTools),
         mask(R::kLinks, R::kToolState)}, any_link},
     {S::kHandForces,      P::kAdvance,  {"hand forces",     run<stages::hand_forces>,       mask(R::kClock, R::kTools),
