@@ -50,7 +50,7 @@ void advance_one(const IslandsPass& pass, uint32_t index, AdvanceScratch& scratc
     const uint32_t calls = ticks_inside ? params.ticks : 1;  // a tick needs a whole number of substeps per millisecond
     const std::span<const double> linked = pass.inputs.other.links ? pass.inputs.other.links->stable_dt : std::span<const double>{};
     AdvanceInputs inputs = pass.inputs;
-    inputs.leapfrog = needs_leapfrog(inputs, pass.state.constraints, bodies, constraints);
+    inputs.leapfrog = needs_leapfrog(inputs, pass.state.particles, pass.state.constraints, bodies, constraints);
     params.substeps = calls * count_substeps(all, bodies, params.ticks * 1e-3 / calls, pass.params.substep, linked, inputs.leapfrog);
     if (ticks_inside) params.tick_hook = {run_ticks, &ticks};
     params.substeps *=

@@ -120,8 +120,8 @@ bool needs_subcycling(const AdvanceCall& call, const Particles& particles, const
            least_volume(call, particles, b, -call.dt, scratch) < kCrushed;
 }
 
-bool needs_leapfrog(const AdvanceInputs& inputs, const ContactConstraints& constraints, std::span<const uint32_t> island_bodies,
-                    std::span<const uint32_t> island_constraints) {
+bool needs_leapfrog(const AdvanceInputs& inputs, const Particles& particles, const ContactConstraints& constraints,
+                    std::span<const uint32_t> island_bodies, std::span<const uint32_t> island_constraints) {
     const Bodies& bodies = inputs.bodies;
     if (bodies.stepping.empty()) return false;
     const auto is_implicit = [&](uint32_t body) { return stepping_of(bodies, body).integrator == Integrator::kBackwardEuler; };
@@ -138,8 +138,17 @@ bool needs_leapfrog(const AdvanceInputs& inputs, const ContactConstraints& const
         const Links* links = inputs.other.links;
         return links && body < links->stable_dt.size() && links->stable_dt[body] < kLeapfrogSteps * bodies.stable_dt[body];
     };
+    const auto is_held = [&](uint32_t body) {
+        if (bodies.anchor_frame[body] == AnchorFrame::kWorld) return true;
+        // padding, which has no mass either, is in the last slice
+        const auto first = particles.offset.begin() + bodies.particles[body].first;
+        const uint32_t count = bodies.particles[body].count;
+        return count > kSliceWidth &&
+               std::any_of(first, first + (count - kSliceWidth), [](const Float4& particle) { return particle.w == 0; });
+    };
     const auto unsolved = [&](uint32_t body) {
-        return is_implicit(body) && (any_turns || has_pressure(bodies, body) || is_tied(body));
+        return is_implicit(body) &&
+               (any_turns || has_pressure(bodies, body) || self_contact_of(bodies, body) > 0 || is_tied(body) || !is_held(body));
     };
     return std::ranges::any_of(island_constraints,
                                [&](uint32_t c) { return unsolved(constraints.body[c]) || unsolved(constraints.other[c]); });

@@ -6,11 +6,12 @@
 namespace trocar {
 
 // Whether the implicit bodies of an island take leapfrog in the coming pass: a contact constraint may act on one, and the
-// island has what solve_with_implicit does not solve for: a free rigid body, a tool that contacts rotate, jaws, pressure in
-// the touched body, or its links that need steps as short as leapfrog's. (Impulses between implicit steps, on single masses, are given back many times over by stiff tissue: a
-// hand's 6 mJ became 86 J.)
-bool needs_leapfrog(const AdvanceInputs& inputs, const ContactConstraints& constraints, std::span<const uint32_t> island_bodies,
-                    std::span<const uint32_t> island_constraints);
+// island has what solve_with_implicit does not solve for: a free rigid body, a tool that contacts rotate, jaws; or the touched
+// body has pressure, contact with itself, links that need steps as short as leapfrog's, or nothing that holds it to the world.
+// (The iteration ends when displacements have settled; the momentum of a body that nothing holds is not exact by then.
+// Impulses between implicit steps, on single masses, are given back many times over by stiff tissue: a hand's 6 mJ became 86 J.)
+bool needs_leapfrog(const AdvanceInputs& inputs, const Particles& particles, const ContactConstraints& constraints,
+                    std::span<const uint32_t> island_bodies, std::span<const uint32_t> island_constraints);
 
 // Factor on the substeps of leapfrog bodies for the coming pass of `seconds` with substeps of dt (s):
 //   undamped shells: 2, which keeps their energy to 0.5 % however they fold (23 % gained in 60 s without).
