@@ -44,6 +44,8 @@ struct Surface {
     Vec3d at(uint32_t v) const { return {position[v].x, position[v].y, position[v].z}; }
 };
 
+constexpr double kFar = 1e9;  // m, of what is not finite
+
 // What is found nearer than a reach is what brute force in double finds; what else is found is hardly farther.
 void expect_pairs(const Surface& a, const Surface& b, bool itself, float reach) {
     NearFeatures near;
@@ -61,14 +63,16 @@ void expect_pairs(const Surface& a, const Surface& b, bool itself, float reach) 
         for (uint32_t t = 0; t < b.view.triangle.size(); ++t) {
             const Triangle& c = b.view.triangle[t];
             if (itself && std::ranges::find(c, v) != c.end()) continue;
-            check(near.vertex_triangle, v, t, exact_triangle_distance(a.at(v), b.at(c[0]), b.at(c[1]), b.at(c[2])));
+            const bool finite = a.at(v).allFinite() && b.at(c[0]).allFinite() && b.at(c[1]).allFinite() && b.at(c[2]).allFinite();
+            check(near.vertex_triangle, v, t, finite ? exact_triangle_distance(a.at(v), b.at(c[0]), b.at(c[1]), b.at(c[2])) : kFar);
         }
     for (uint32_t e = 0; e < a.view.edge.size(); ++e)
         for (uint32_t f = itself ? e + 1 : 0; f < b.view.edge.size(); ++f) {
             const auto [v, w] = a.view.edge[e];
             const auto [x, y] = b.view.edge[f];
             if (itself && (v == x || v == y || w == x || w == y)) continue;
-            check(near.edge_edge, e, f, edge_distance_in_double(a.at(v), a.at(w), b.at(x), b.at(y)));
+            const bool finite = a.at(v).allFinite() && a.at(w).allFinite() && b.at(x).allFinite() && b.at(y).allFinite();
+            check(near.edge_edge, e, f, finite ? edge_distance_in_double(a.at(v), a.at(w), b.at(x), b.at(y)) : kFar);
         }
     EXPECT_EQ(found, near.vertex_triangle.size() + near.edge_edge.size());  // none twice, none that shares a vertex
     EXPECT_GT(within, 500u);
