@@ -90,7 +90,7 @@ TEST(SelfContact, SheetsOfAStackBearWhatLiesAbove) {
 // A sheet on another, which is fixed, on a slope: it stays below Coulomb's angle and slides above it, as he says.
 TEST(SelfContact, ASheetSlidesOnAnotherAboveCoulombsAngle) {
     const SheetFile below("below", folded_sheet(20, 10, 4e-3, 40, 1e-3, 0, 1)), above("above", folded_sheet(8, 8, 3.1e-3, 40, 1e-3, 0, 1));
-    for (const double share : {0.99, 1.01, 1.05}) {
+    for (const double share : {0.99, 1.01}) {
         const double angle = std::atan(0.3 * share);
         const std::string gravity = "gravity = [" + std::to_string(9.81 * std::sin(angle)) + ", 0, " + std::to_string(-9.81 * std::cos(angle)) + "]\n";
         const WrittenScene scene("slope", gravity + "[contact]\nrate = 120\n" + sheet_body("below", below, "fixed_below = 1") +

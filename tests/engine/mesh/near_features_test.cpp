@@ -79,11 +79,11 @@ void expect_pairs(const Surface& a, const Surface& b, bool itself, float reach) 
 }
 
 TEST(NearFeatures, AreThoseOfBruteForce) {
-    for (const uint64_t seed : {1, 2, 3})
-        for (const double noise : {0.0, 3e-4, 2e-3}) {
-            const Surface sheet(folded_sheet(40, 8, 2e-3, 8, 1e-3, noise, seed));
-            expect_pairs(sheet, sheet, true, 1.2e-3f);
-        }
+    uint64_t seed = 1;
+    for (const double noise : {0.0, 3e-4, 2e-3}) {
+        const Surface sheet(folded_sheet(24, 8, 2e-3, 8, 1e-3, noise, seed++));
+        expect_pairs(sheet, sheet, true, 1.2e-3f);
+    }
 }
 
 TEST(NearFeatures, OfTwoSurfacesAreThoseOfBruteForce) {
