@@ -34,7 +34,7 @@ ViewFiles files_of_view() {
     return {kPage, packed_player_script()};
 }
 
-std::optional<double> number_of(const json& object, const char* key) {
+std::optional<double> number_in(const json& object, const char* key) {
     const auto found = object.find(key);
     if (found == object.end() || !found->is_number()) return std::nullopt;
     return found->get<double>();
@@ -49,8 +49,8 @@ std::optional<BrowserHandTarget> target_of(const json& object) {
         if (!(*tip)[k].is_number()) return std::nullopt;
         target.tip[static_cast<int>(k)] = (*tip)[k].get<double>();
     }
-    target.grip = std::clamp(number_of(object, "grip").value_or(0), 0.0, 1.5);
-    target.buttons = static_cast<uint32_t>(std::clamp(number_of(object, "buttons").value_or(0), 0.0, 65535.0));
+    target.grip = std::clamp(number_in(object, "grip").value_or(0), 0.0, 1.5);
+    target.buttons = static_cast<uint32_t>(std::clamp(number_in(object, "buttons").value_or(0), 0.0, 65535.0));
     return target;
 }
 
@@ -76,11 +76,11 @@ void LiveView::obey(uint32_t client, const std::string& text) {
     if (what == "reset") reset_ = true;
     if (what == "end") ended_ = true;
     if (what == "speed") {
-        const double speed = number_of(message, "value").value_or(1);
+        const double speed = number_in(message, "value").value_or(1);
         if (speed >= kSlowest && speed <= kFastest) speed_ = speed;
     }
     if (what == "hand") {
-        const std::optional<double> body = number_of(message, "body");
+        const std::optional<double> body = number_in(message, "body");
         std::optional<BrowserHandTarget> target = target_of(message);
         const std::lock_guard guard(hands_lock_);
         const auto hand = body && *body >= 0 && *body < kNone ? hands_.find(static_cast<uint32_t>(*body)) : hands_.end();
