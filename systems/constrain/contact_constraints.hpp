@@ -20,18 +20,19 @@ struct ContactConstraintsScratch {
     ExitGrid exits;
 };
 
-// One contact constraint per contact, in the same order: a plane through `closest` on the other body's
-// triangle. Between rigid bodies it is the plane of the supporting face; a point beside every face has none.
-// Weights sum to exactly 1. friction = the larger coefficient. A body over params.constraint_capacity loses
-// its shallowest contacts, counted. Sets impulse to zero. direction = thesis: an inside point gets the pair's
-// direction (thesis 4.2) and its way out of its plane along it, if its own normal is within 60 degrees of that; else its own. An inside
-// point of a saturated pair with a separation direction gets the plane where the line along it leaves the other body, with that line's
-// length; outside points with opposite normals, between rigid bodies all with others, have none. faces: points of a closed body that the
-// body itself separates from a sheet have none. Between a tool or free body and a deformable one, inverted contacts (inverted_contact.hpp)
-// have none while another inside point of the pair has one. (Coarse colliding balls need all their contacts.) Contacts of a tool that
-// leaves a body (ToolState::exit) have none. A point of a static body, or of a rigid body against another, has none if its surface goes on
-// towards the plane, flat or less bent than the plane is tilted: no point within a smooth surface acts as a corner. Two sheets with self-contact
-// have none: see self_contacts.hpp.
+// One contact constraint per contact, in the same order: a plane through `closest` on the other body's triangle.
+// Between rigid bodies it is the plane of the supporting face; a point beside every face has none. Weights sum to
+// exactly 1. friction = the larger coefficient. A body over params.constraint_capacity loses its shallowest contacts,
+// counted. Sets impulse to zero. direction = thesis: an inside point gets the pair's direction and its depth projected
+// on it (thesis 4.2), which may leave points on the flanks inside (contact.left_m). An inside point of a saturated pair
+// with a separation direction gets the plane where the line along it leaves the other body, with that line's length;
+// outside points with opposite normals, between rigid bodies all with others, have none. faces: points of a closed body
+// that the body itself separates from a sheet have none. Between a tool or free body and a deformable one, inverted
+// contacts (inverted_contact.hpp) have none while another inside point of the pair has one. (Coarse colliding balls
+// need all their contacts.) Contacts of a tool that leaves a body (ToolState::exit) have none. A point of a static
+// body, or of a rigid body against another, has none if its surface goes on towards the plane, flat or less bent than
+// the plane is tilted: no point within a smooth surface acts as a corner. Two sheets with self-contact have none: see
+// self_contacts.hpp.
 void make_contact_constraints(const ContactInputs& in, const Contacts& contacts, const Penetrations& penetrations,
                               ContactConstraintsScratch& scratch, Report& report, ContactConstraints& constraints,
                               const Haptics& haptics = {});

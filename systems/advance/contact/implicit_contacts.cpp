@@ -11,8 +11,6 @@ namespace {
 constexpr uint32_t kSweepsPerIterate = 4;
 // Rounds of iterations while a step has added energy. By trial.
 constexpr uint32_t kMostContactRounds = 4;
-// Factor on a step's iterations while the momentum of a body is not balanced: when it is struck. By trial.
-constexpr uint32_t kMostOfStrikes = 8;
 
 bool is_touched_implicit(const AdvanceBody& b) { return b.touched && b.synchronous(); }
 
@@ -93,12 +91,9 @@ void iterate(const AdvanceCall& call, uint32_t most, TissueScratch& scratch, Con
     };
     bool converged = false;
     for (uint32_t iteration = 1;; ++iteration) {
-        bool balanced = true;
-        for_touched_implicit(island, [&](AdvanceBody& b) {
-            balanced = relax_touched_step(call, island, scratch, state, b, result) && balanced;
-        });
+        for_touched_implicit(island, [&](AdvanceBody& b) { relax_touched_step(call, island, scratch, state, b, result); });
         sweep();
-        if ((balanced && (converged || iteration >= most)) || iteration >= kMostOfStrikes * most) break;
+        if (converged || iteration >= most) break;
         for_touched_implicit(island, [&](AdvanceBody& b) { smooth_touched_step(call, island, scratch, state, b, result); });
         sweep();
         converged = true;

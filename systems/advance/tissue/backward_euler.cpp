@@ -24,8 +24,6 @@ constexpr uint32_t kHistory = ImplicitScratch::kHistory;
 // of motion. By trial.
 constexpr uint32_t kMostRounds = 8, kMostHalvings = 30;
 constexpr double kRoundedEnergy = 1e-5;
-// Share of the contact forces on a body by which its momentum may miss them after the last iteration. By trial.
-constexpr double kLeftForce = 2e-3;
 
 __m128 at(const Float4& f) { return _mm_load_ps(&f.x); }
 void put(Float4& f, __m128 v) { _mm_store_ps(&f.x, v); }
@@ -375,7 +373,7 @@ void set_responses(const AdvanceCall& call, const AdvanceBody& b, const TissueSc
     });
 }
 
-bool relax_touched_step(const AdvanceCall& call, AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,
+void relax_touched_step(const AdvanceCall& call, AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,
                         AdvanceResult& result) {
     EulerStep e = bind(call, island, scratch, state, b, result);
     ImplicitScratch& s = e.s;
@@ -383,19 +381,14 @@ bool relax_touched_step(const AdvanceCall& call, AdvanceIsland& island, TissueSc
     relax(e);
     ++result.implicit_iterations;
     const double per_h = 1 / call.dt;
-    Vec4d left = {};
-    for (uint32_t i = 0; i < e.count; ++i) left += float_vec4(at(s.force[i]));
-    double pushes = 0;
     for_nodes_of(island, b, [&](uint32_t n, uint32_t i) {
         if (!(b.now[i].w > 0)) return;
         const Vec4d push = per_h * island.nodes.response[n].impulse;
-        left += push, pushes += std::sqrt(norm2(push));
         Float4 force;
         put(force, _mm_add_ps(at(s.force[i]), _mm256_cvtpd_ps((__m256d)push)));
         s.change[i] = times(s.response[i], force);
     });
     show_nodes(e, island);
-    return !(norm2(left) > kLeftForce * kLeftForce * pushes * pushes);
 }
 
 void smooth_touched_step(const AdvanceCall& call, AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,

@@ -31,8 +31,7 @@ void begin_touched_step(const AdvanceCall& call, const AdvanceIsland& island, Ti
 // Sets the responses of the body's contact nodes.
 void set_responses(const AdvanceCall& call, const AdvanceBody& b, const TissueScratch& scratch, AdvanceIsland& island);
 // Finds the forces, and moves each particle alone by (2 D)^-1 (force + J / h). Sets the velocities of contact nodes.
-// Returns whether the body's momentum has changed by its impulses.
-bool relax_touched_step(const AdvanceCall& call, AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,
+void relax_touched_step(const AdvanceCall& call, AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,
                         AdvanceResult& result);
 // Moves all particles together instead, with the impulses that sweeps have found since.
 void smooth_touched_step(const AdvanceCall& call, AdvanceIsland& island, TissueScratch& scratch, const AdvanceState& state, AdvanceBody& b,
