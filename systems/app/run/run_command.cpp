@@ -264,12 +264,12 @@ std::string scale_text(const RunFigures& f) {
     std::string all = frames_text(f);
     all += format(
         "  %llu movable bodies, %.0f awake on average, %u at the end; %.0f contacts; %.0f bytes per body\n"
-        "  overlap found by a pass: median %.3g mm, p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n"
-        "  overlap after it, by its planes: p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body; left in the last tenth of "
-        "the run, by the surfaces: %.3g mm\n",
+        "  overlap found by a pass: median %.3g mm, p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body\n",
         static_cast<unsigned long long>(f.movable_bodies), awake / passes, f.pass.empty() ? 0 : f.pass.back().awake, contacts / passes,
-        f.bytes_per_body, quantile(found, 0.5) * 1e3, quantile(found, 0.99) * 1e3, quantile(found, 1) * 1e3, percent(quantile(found, 1)),
-        quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3, percent(quantile(residual, 1)), overlap_left(f) * 1e3);
+        f.bytes_per_body, quantile(found, 0.5) * 1e3, quantile(found, 0.99) * 1e3, quantile(found, 1) * 1e3, percent(quantile(found, 1)));
+    all += format("  overlap after it, by its planes: p99 %.3g mm, worst %.3g mm, which is %.2g %% of the smallest body",
+                  quantile(residual, 0.99) * 1e3, quantile(residual, 1) * 1e3, percent(quantile(residual, 1)));
+    all += format("; left in the last tenth of the run, by the surfaces: %.3g mm\n", overlap_left(f) * 1e3);
     // overlap that is new in a pass; when large in more than a tenth of all passes, it is not a single impact
     std::vector<double> late;
     for (size_t k = 1; k < found.size(); ++k) late.push_back(found[k] - residual[k - 1]);
