@@ -7,7 +7,8 @@
 #include <memory>
 #include <new>
 #include <numbers>
-#include <regex>
+#include <sstream>
+#include <string_view>
 
 #include "content/scene/find_scene.hpp"
 #include "engine/base/error.hpp"
@@ -586,16 +587,19 @@ std::string complaint(const CLI::App& app, const CLI::ParseError& error) {
         if (!commands.empty()) return "a command is needed";
     }
     const std::string text = error.what();
-    std::smatch range;
-    if (std::regex_match(text, range, std::regex("(.*): Value (\\S+) not in range (\\S+) to (\\S+)"))) {
-        const double least = std::strtod(range[3].str().c_str(), nullptr), most = std::strtod(range[4].str().c_str(), nullptr);
-        char* end = nullptr;
-        std::strtod(range[2].str().c_str(), &end);
-        if (*end != 0) return format("%s: \"%s\" is not a number", range[1].str().c_str(), range[2].str().c_str());
-        if (most > 1e300) return format("%s: %s must be more than %g", range[1].str().c_str(), range[2].str().c_str(), least);
-        return format("%s: %s is not from %g to %g", range[1].str().c_str(), range[2].str().c_str(), least, most);
-    }
-    return text;
+    constexpr std::string_view kRange = ": Value ";  // the parser's words: "--seconds: Value 0 not in range 0.001 to 1e+06"
+    const size_t at = text.find(kRange);
+    if (at == std::string::npos) return text;
+    const std::string option = text.substr(0, at);
+    std::string value, no, in, range, to;
+    double least = 0, most = 0;
+    std::istringstream words(text.substr(at + kRange.size()));
+    if (!(words >> value >> no >> in >> range >> least >> to >> most) || range != "range") return text;
+    char* end = nullptr;
+    std::strtod(value.c_str(), &end);
+    if (*end != 0) return format("%s: \"%s\" is not a number", option.c_str(), value.c_str());
+    if (most > 1e300) return format("%s: %s must be more than %g", option.c_str(), value.c_str(), least);
+    return format("%s: %s is not from %g to %g", option.c_str(), value.c_str(), least, most);
 }
 
 // `trocar help run` is `trocar run --help`, and `trocar help` is `trocar --help`.
