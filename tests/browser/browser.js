@@ -73,9 +73,16 @@ class Browser {
     get errors() {
         return this.heard.filter(m => m.method === 'Runtime.exceptionThrown' || (m.method === 'Log.entryAdded' && m.params.entry.level === 'error'));
     }
+    // Scrolls there and waits until the page has come to rest: a click on a plot scrolls smoothly.
     async middleOf(selector) {
-        await this.ask(`document.querySelector(${JSON.stringify(selector)}).scrollIntoView({block: 'center'})`);
-        return this.ask(`(r => [r.left + r.width / 2, r.top + r.height / 2])(document.querySelector(${JSON.stringify(selector)}).getBoundingClientRect())`);
+        const element = `document.querySelector(${JSON.stringify(selector)})`;
+        await this.ask(`${element}.scrollIntoView({block: 'center', behavior: 'instant'})`);
+        const middle = () => this.ask(`(r => [r.left + r.width / 2, r.top + r.height / 2])(${element}.getBoundingClientRect())`);
+        for (let last; ; await new Promise(done => setTimeout(done, 150))) {
+            const now = await middle();
+            if (last && last[0] === now[0] && last[1] === now[1]) return now;
+            last = now;
+        }
     }
 }
 

@@ -14,6 +14,7 @@ async function checkUse(browser) {
     expect(first.share > 0.02 && first.share < 0.98, `the picture shows something: ${(100 * first.share).toFixed(0)} % of it`);
     const [x, y] = await browser.middleOf('#player canvas');
     await browser.move(x, y);
+    expect(await browser.until(`document.querySelector('#player').matches(':hover')`), 'the pointer is over it');
     await browser.press('End');
     expect(await at() === frames - 1, 'End goes to the last frame');
     expect((await browser.ask(kPixels)).sum !== first.sum, 'which looks different');

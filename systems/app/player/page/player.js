@@ -85,11 +85,8 @@ export class Player {
         });
         const keys = {' ': () => this.toggle(), ArrowLeft: () => this.stopAt(this.at - 1), ArrowRight: () => this.stopAt(this.at + 1),
                       Home: () => this.stopAt(0), End: () => this.stopAt(this.frames.length - 1)};
-        let over = false;
-        host.addEventListener('pointerenter', () => { over = true; });
-        host.addEventListener('pointerleave', () => { over = false; });
         document.addEventListener('keydown', e => {
-            const here = over || host.contains(document.activeElement);
+            const here = host.matches(':hover') || host.contains(document.activeElement);
             if (!here || !keys[e.key] || e.target.tagName === 'SELECT' || e.ctrlKey || e.metaKey || e.altKey) return;
             e.preventDefault();
             if (e.target.tagName === 'BUTTON') e.target.blur();  // or space would press it too
