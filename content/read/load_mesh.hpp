@@ -5,6 +5,12 @@
 #include "content/text/local_file.hpp"
 namespace trocar {
 
+// Triangles of one shape of a scene graph, first to first + count.
+struct MeshPart {
+    std::string name;  // DEF name of the shape or of the nearest node above it that has one; may be empty
+    uint32_t first = 0, count = 0;
+};
+
 // Result of reading a surface file.
 struct LoadedMesh {
     Mesh mesh;                          // all surfaces of the file, in file units; texture v runs upwards
@@ -13,6 +19,7 @@ struct LoadedMesh {
     // VRML: distinct points in coordinate lists that no face uses; they are not in the mesh. 0 for OBJ, whose
     // vertices belong to the file and not to a surface, and for STL, which has none.
     uint64_t unused_points = 0;
+    std::vector<MeshPart> parts{};  // VRML and X3D, in order; shapes below one named node are one part. Empty for other formats
 };
 
 // Formats read by load_mesh, for messages.

@@ -141,6 +141,8 @@ void check_body(const TomlSection& section, const BodySpec& body) {
         section.fail("body \"" + body.name + "\": what is scattered can neither be held by a hand nor stand above another body");
     if (body.scatter.rate > 0 && (body.motion != Motion::kDeformable || std::isfinite(body.break_strain)))
         section.fail("body \"" + body.name + "\": only deformable bodies that do not break come and go (scatter.rate)");
+    if (body.file_origin && (body.file.empty() || !body.above.empty() || !body.node.empty() || body.motion == Motion::kHand))
+        section.fail("body \"" + body.name + "\": origin = \"file\" is for a body with a file, not held by a hand, without above and node");
     if (body.motion == Motion::kKinematic && body.path.empty()) section.fail("kinematic body \"" + body.name + "\" needs a [[body.path]]");
     if (body.self_contact && body.motion != Motion::kDeformable)
         section.fail("body \"" + body.name + "\": only a deformable body has self_contact");
@@ -173,6 +175,7 @@ BodySpec read_body(TomlSection section) {
                                {"deformable", Motion::kDeformable},
                                {"free", Motion::kFree}});
     if (body.motion == Motion::kFree) body.tissue.damping = 0;  // free fall by default
+    section.read_enum<bool>("origin", body.file_origin, {{"centroid", false}, {"file", true}});
     section.read("position", body.position);
     section.read("rotation", body.orientation);
     section.read("above", body.above);

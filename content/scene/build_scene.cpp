@@ -412,7 +412,8 @@ Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, Worl
 // Two bodies with equal keys share a prototype.
 auto key_of(const SceneFile& scene, const BodySpec& spec) {
     const bool caged = spec.skin && !spec.solid, swells = spec.tissue.pressure_modulus > 0, bends = spec.tissue.bending > 0;
-    const std::string own = may_tear(scene, spec) || !spec.regions.empty() || is_cut_by_tools(scene, spec.name) ? spec.name : "";  // not to be shared
+    const std::string own =
+        may_tear(scene, spec) || !spec.regions.empty() || is_cut_by_tools(scene, spec.name) ? spec.name : "";  // not to be shared
     return std::tuple(own, spec.file, spec.shape, spec.triangles, spec.seed, spec.scale, spec.size, spec.cells, spec.spacing, spec.color,
                       spec.motion == Motion::kDeformable, spec.solid, spec.skin, caged && swells, caged && bends);
 }
@@ -536,7 +537,8 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     if (spec.solid && !spec.bed) tissue.depth = kNoFoundation;
     const uint32_t body = add_body(world, spec.name, prototype.row, spec.motion, tissue, spec.anchor_frame);
     world.bodies.thickness[body] = prototype.judgement.admitted_as == Admission::kSheet ? spec.thickness : 0;
-    world.poses.origin[body] = spec.position;
+    const Vec3d shift = spec.file_origin ? prototype.shift : Vec3d(Vec3d::Zero());  // body frame
+    world.poses.origin[body] = spec.position + rotate(spec.orientation, shift);
     world.poses.orientation[body] = spec.orientation;
     if (!spec.above.empty()) place_above(scene, spec, world, body);
     if (spec.haptic.body != kNone) world.haptics.surface.push_back(spec.haptic), world.haptics.surface.back().body = body;
@@ -548,7 +550,11 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
         world.poses.velocity[body] = spec.velocity;
         world.poses.angular_velocity[body] = spec.spin;
     }
-    if (spec.motion == Motion::kKinematic) add_path(world.paths, body, spec.path);
+    if (spec.motion == Motion::kKinematic) {
+        std::vector<Keyframe> path = spec.path;
+        for (Keyframe& key : path) key.position += rotate(key.orientation, shift);
+        add_path(world.paths, body, path);
+    }
     if (spec.motion == Motion::kDeformable) {
         const CutRoom room = cut_room(scene, spec, world.meshes.info[prototype.row]);
         uint32_t columns = 0;

@@ -33,6 +33,7 @@ struct BodySpec {
     Motion motion = Motion::kStatic;
     Vec3d position = Vec3d::Zero();  // m
     Quat orientation;
+    bool file_origin = false;  // `position` and `path` place the origin of the file instead of the centroid
     std::string above;   // name of the body it is placed on top of, centred, `gap` above it
     double gap = 0.005;  // m
     AnchorFrame anchor_frame = AnchorFrame::kWorld;

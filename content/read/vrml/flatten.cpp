@@ -16,6 +16,8 @@ enum class Restore : uint8_t { kNothing, kTransform, kAll };
 // A list of nodes being traversed.
 struct Visit {
     NodeId owner;  // parent of the nodes; node kNone for a file
+    NodeId named;  // the nearest node at or above them that has a DEF name; node kNone if none has
+    uint64_t named_visit = 0;
     uint32_t file = 0;
     uint32_t scope = 0;
     Range refs;
@@ -32,6 +34,8 @@ struct Walk {
     std::vector<Instance> instances{};
     std::set<NodeId> checked{};                                    // coordinate nodes
     std::map<std::pair<NodeId, NodeId>, uint64_t> triangles_of{};  // triangles per geometry and points
+    NodeId named{};                                                // of the node being visited, as in Visit
+    uint64_t named_visit = 0;
     uint64_t visits = 0, visit_limit = 0, triangles = 0;
 };
 
@@ -113,6 +117,8 @@ Placement matrix_of(const Walk& w, NodeId id) {
 void push_list(Walk& w, NodeId owner, const Value& list, Range refs, Restore restore) {
     Visit visit;
     visit.owner = owner;
+    visit.named = w.named;
+    visit.named_visit = w.named_visit;
     visit.file = list ? list.file : owner.document;
     visit.scope = list ? list.scope : owner.scope;
     visit.refs = refs;
@@ -174,6 +180,12 @@ void visit_inline(Walk& w, NodeId id) {
     w.state.placement = placement;
 }
 
+bool has_name(const Scene& scene, NodeId id) { return id.node != kNone && node_of(scene, id).name.count > 0; }
+
+void name_node(Walk& w, NodeId id) {
+    if (has_name(w.scene, id) && id != w.named) w.named = id, w.named_visit = w.visits;
+}
+
 void add_surface(Walk& w, const State& state, NodeId id) {
     const Role role = role_of(w.scene, id);
     if (role == Role::kUnsupported) {
@@ -183,7 +195,7 @@ void add_surface(Walk& w, const State& state, NodeId id) {
         }
         return;
     }
-    Instance instance{state, id};
+    Instance instance{state, id, w.named, w.named_visit};
     if (takes_points(role)) {
         const NodeId own = first_node(w.scene, find_value(w.scene, id, "coord"));
         if (own.node != kNone && role_of(w.scene, own) == Role::kCoordinate) instance.state.coordinate = own;
@@ -231,7 +243,9 @@ void visit_shape(Walk& w, NodeId id) {
         state.texture_transform = first_node(w.scene, find_value(w.scene, appearance, "textureTransform"));
     }
     const NodeId geometry = first_node(w.scene, find_value(w.scene, id, "geometry"));
-    if (geometry.node != kNone) add_surface(w, state, geometry);
+    if (geometry.node == kNone) return;
+    name_node(w, geometry);
+    add_surface(w, state, geometry);
 }
 
 void visit_transform(Walk& w, NodeId id, const Placement& own) {
@@ -265,7 +279,9 @@ void visit_node(Walk& w, NodeId id) {
     if (++w.visits > w.visit_limit) {
         fail(w, id, "USE and PROTO expand to more than the limit of " + std::to_string(kExpansionLimit) + " nodes");
     }
+    name_node(w, id);
     id = resolve(w.scene, id);
+    name_node(w, id);
     const auto place = [&w](const Placement& next) { w.state.placement = combine(w.state.placement, next); };
     const Role role = role_of(w.scene, id);
     switch (role) {
@@ -317,6 +333,7 @@ void walk_scene(Walk& w) {
     while (!w.stack.empty()) {
         Visit& visit = w.stack.back();
         if (visit.next < visit.refs.count) {
+            w.named = visit.named, w.named_visit = visit.named_visit;
             const NodeRef ref = w.scene.file[visit.file]->document.ref[visit.refs.first + visit.next++];
             visit_node(w, {visit.file, ref.node, visit.scope});
             continue;
@@ -325,6 +342,12 @@ void walk_scene(Walk& w) {
         if (visit.restore == Restore::kTransform) w.state.placement = visit.saved.placement;
         w.stack.pop_back();
     }
+}
+
+std::string name_of(const Scene& scene, NodeId id) {
+    if (!has_name(scene, id)) return "";
+    const Document& document = scene.file[id.document]->document;
+    return printable(text_of(document, document.node[id.node].name));
 }
 
 std::string plural(uint64_t count, const std::string& one) { return std::to_string(count) + " " + one + (count == 1 ? "" : "s"); }
@@ -370,7 +393,17 @@ LoadedMesh flatten_document(Document document, const LoadOptions& options) {
     };
     loaded.mesh.triangle.reserve(walk.triangles);
     loaded.mesh.triangle_material.reserve(walk.triangles);
-    for (const Instance& instance : walk.instances) build_surface(builder, instance);
+    for (size_t i = 0; i < walk.instances.size(); ++i) {
+        const auto first = static_cast<uint32_t>(loaded.mesh.triangle.size());
+        const Instance& instance = walk.instances[i];
+        build_surface(builder, instance);
+        const auto count = static_cast<uint32_t>(loaded.mesh.triangle.size()) - first;
+        const bool same = i > 0 && instance.visit > 0 && instance.visit == walk.instances[i - 1].visit;
+        if (same)
+            loaded.parts.back().count += count;
+        else
+            loaded.parts.push_back({name_of(scene, instance.named), first, count});
+    }
 
     loaded.unused_points = count_unused_points(builder);
     loaded.format = scene.file[0]->format;

@@ -28,6 +28,8 @@ struct State {
 struct Instance {
     State state;
     NodeId geometry;
+    NodeId named{};      // the nearest node at or above it that has a DEF name
+    uint64_t visit = 0;  // of that node, which USE may visit again
 };
 
 // Points of one coordinate node used by surfaces.

@@ -318,6 +318,36 @@ void add_organ(CLI::App& app, int& code) {
         "Exit code 1 when a surface cannot be admitted as solid.");
 }
 
+void add_scene(CLI::App& app, int& code) {
+    const auto o = std::make_shared<SceneOptions>();
+    CLI::App* scene = app.add_subcommand("scene", "Make a scene of a segmented image or of a file with several shapes");
+    scene->add_option("source", o->source, "NRRD, MetaImage, NIfTI or DICOM, or a mesh file such as .wrl or .x3d")->required();
+    scene->add_option("out", o->out, "Scene to write, NAME.toml; its meshes go into the folder NAME beside it")->required();
+    scene->add_option("--labels", o->labels,
+                      "CSV with the columns label (number, name of a segment, or DEF name) and name, and optionally tissue (a preset; "
+                      "empty: static), motion, color (\"0.8 0.5 0.4\") and triangles; only these become bodies");
+    scene->add_option("--triangles", o->triangles, "Triangles of a surface made from an image (default 4000)")
+        ->check(CLI::Range(4u, 20'000'000u));
+    scene
+        ->add_option("--touch", o->touch,
+                     "Link bodies whose surfaces are nearer than this, m (default: a voxel of an image, else none; 0 = none)")
+        ->check(CLI::Range(0.0, 1.0));
+    scene->add_option("--scale", o->scale, "Metres per unit of a mesh file (default: guessed from its size)")
+        ->check(CLI::Range(1e-12, 1e12));
+    scene->add_option("--series", o->series, "DICOM series UID, if the folder contains several");
+    scene->add_option("--frame", o->frame, "Of NIfTI: sform or qform (default: the sform if its code is above 0, else the qform)")
+        ->check(CLI::IsMember({"sform", "qform"}));
+    add_root(scene, o->roots);
+    scene->add_flag("--json", o->json, "Bodies with their centroids, and links, as JSON");
+    run_with(scene, code, o, scene_command);
+    scene->footer(
+        "Example: trocar scene abdomen.nii.gz liver.toml --labels table.csv && trocar run liver.toml --out out/liver\n"
+        "with table.csv:  label,name,tissue\n                 5,liver,liver\n                 2,kidney,kidney\n                 90,spine,\n"
+        "Organs stand where the image has them: patient axes are turned so that the patient lies on the back, z up. Of a\n"
+        "scene graph (VRML, X3D) each shape, or all shapes below one DEF name, become a body; y of the file is up.\n"
+        "The scene is built once as a check. `trocar organ VOLUME x.obj` lists the labels of an image.");
+}
+
 void add_soak(CLI::App& app, int& code) {
     const auto o = std::make_shared<SoakOptions>();
     CLI::App* soak = app.add_subcommand("soak", "Run a scene repeatedly for minutes and test for drift");
@@ -544,8 +574,8 @@ void describe(CLI::App& app, int& code) {
     app.set_version_flag("--version", [] { return version_text(); });
     app.require_subcommand(1);
     app.set_help_all_flag("--help-all", "Help of every command");
-    for (const auto add : {add_run, add_check, add_query, add_collide, add_convert, add_view, add_organ, add_soak, add_sweep, add_replay,
-                           add_capture, add_score, add_compare, add_exercise, add_device, add_scenes})
+    for (const auto add : {add_run, add_check, add_query, add_collide, add_convert, add_view, add_organ, add_scene, add_soak, add_sweep,
+                           add_replay, add_capture, add_score, add_compare, add_exercise, add_device, add_scenes})
         add(app, code);
 }
 
@@ -640,7 +670,8 @@ int main(int argc, char** argv) {
         std::vector<std::string> words = arguments_of(argc, argv);
         const std::vector<std::string> commands = command_names(app);
         if (words[0][0] != '-' && std::ranges::find(commands, words[0]) == commands.end())
-            throw trocar::InputError("there is no command \"" + words[0] + "\"" + suggestion(words[0], commands) + "; trocar --help lists them");
+            throw trocar::InputError("there is no command \"" + words[0] + "\"" + suggestion(words[0], commands) +
+                                     "; trocar --help lists them");
         std::ranges::reverse(words);  // the parser takes them from the end
         try {
             app.parse(std::move(words));

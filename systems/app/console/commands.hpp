@@ -108,6 +108,20 @@ struct OrganOptions {
 };
 int organ_command(const OrganOptions& options);
 
+// Makes a scene file of what an image or a scene graph contains.
+struct SceneOptions {
+    std::string source;  // image (see OrganOptions::volume) or mesh file
+    std::string out;     // .toml; meshes are written into the folder of the same name beside it
+    std::string labels;  // CSV: label, name and optionally tissue, motion, color, triangles; empty = all, static
+    FileRoots roots;
+    std::string series, frame;  // as in OrganOptions
+    uint32_t triangles = 4000;  // of a surface made from an image
+    double scale = 0;           // m per unit of a mesh file; 0 = guessed
+    double touch = -1;          // m, surfaces nearer than this are linked; 0 = none, -1 = a voxel of an image
+    bool json = false;
+};
+int scene_command(const SceneOptions& options);
+
 struct ReplayOptions {
     std::string file;
     std::optional<uint64_t> frame;  // replay only this pass, `repeat` times, to measure it
