@@ -17,6 +17,7 @@
 #include "content/scene/fit_tip.hpp"
 #include "content/scene/make_prototype.hpp"
 #include "content/scene/make_solid.hpp"
+#include "content/scene/plausibility.hpp"
 #include "content/shapes/shape_library.hpp"
 #include "engine/base/check.hpp"
 #include "engine/base/error.hpp"
@@ -607,6 +608,7 @@ BuiltScene build_scene(const SceneFile& given, Looks looks) {
     add_scene_cuts(scene, world);
     open_pools(world);
     make_trees(world);
+    for (std::string& doubt : find_doubts(scene, world)) built.warnings.push_back(std::move(doubt));
     built.camera = scene.camera;
     built.picture = scene.picture;
     return built;
