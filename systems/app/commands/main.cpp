@@ -400,6 +400,33 @@ void add_sweep(CLI::App& app, int& code) {
         "after adding values. Exit code 1 when a run failed; the table shows which and why.");
 }
 
+void add_fit(CLI::App& app, int& code) {
+    const auto o = std::make_shared<FitOptions>();
+    CLI::App* fit = app.add_subcommand("fit", "Find tissue parameters with which a scene gives a measured curve of force");
+    fit->add_option("scene", o->scene,
+                    "Scene file, or the name of a scene that `trocar scenes` lists: the experiment, with a tool on a path")
+        ->required();
+    fit->add_option("--curve", o->curve,
+                    "CSV with force_n (N, of the tissue on the tool) and time_s, or depth_m of the tip below the undeformed surface")
+        ->required();
+    fit->add_option("--parameter", o->parameters, "KEY=LOW..HIGH, bounds of a key as of --set; repeatable")
+        ->required()
+        ->allow_extra_args(false);
+    fit->add_option("--tool", o->tool, "Body that the tool holds (default: the scene's first tool)");
+    fit->add_option("--seconds", o->seconds, "Simulated time of a run, s (default: to the end of the curve; by depth, the scene's)")
+        ->check(CLI::Range(1e-3, 1e6));
+    add_sets(fit, o->overrides, "KEY=VALUE, changes a key of the scene in every run; repeatable");
+    fit->add_option("--out", o->out,
+                    "Folder for fit.json, curve.csv (measured and fitted) and trials.jsonl, with which an interrupted fit goes on");
+    add_threads(fit, o->threads);
+    fit->add_flag("--json", o->json, "JSON on standard output");
+    run_with(fit, code, o, fit_command);
+    fit->footer(
+        "Example: trocar fit palpate --curve measured.csv --parameter liver.tissue.youngs_modulus=1e3..1e5\n"
+        "Least squares by Levenberg and Marquardt in the logarithms of the parameters, starting in the middle of their ranges. The\n"
+        "95 % intervals hold for independent errors of equal size. Exit code 1 if the search does not converge.");
+}
+
 void add_replay(CLI::App& app, int& code) {
     const auto o = std::make_shared<ReplayOptions>();
     CLI::App* replay = app.add_subcommand("replay", "Replay a capture and compare, or replay one of its passes many times");
@@ -574,7 +601,7 @@ void describe(CLI::App& app, int& code) {
     app.set_version_flag("--version", [] { return version_text(); });
     app.require_subcommand(1);
     app.set_help_all_flag("--help-all", "Help of every command");
-    for (const auto add : {add_run, add_check, add_query, add_collide, add_convert, add_view, add_organ, add_scene, add_soak, add_sweep,
+    for (const auto add : {add_run, add_check, add_query, add_collide, add_convert, add_view, add_organ, add_scene, add_soak, add_sweep, add_fit,
                            add_replay, add_capture, add_score, add_compare, add_exercise, add_device, add_scenes})
         add(app, code);
 }

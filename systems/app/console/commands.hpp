@@ -186,6 +186,20 @@ struct SweepOptions {
 // Runs every combination of a sweep that has no result yet and merges all results into one table.
 int sweep_command(const SweepOptions& options);
 
+// Finds tissue parameters with which a scene gives a measured curve of force.
+struct FitOptions {
+    std::string scene;
+    std::vector<Override> overrides;
+    std::filesystem::path curve;          // CSV, see systems/app/study/curve.hpp
+    std::vector<std::string> parameters;  // KEY=LOW..HIGH
+    std::string tool;                     // body that the tool holds; empty = the first
+    double seconds = 0;                   // 0 = to the end of the curve, or of the scene
+    std::filesystem::path out;            // folder: trials.jsonl, curve.csv, fit.json; empty = none, and nothing is kept for another time
+    uint32_t threads = 0;
+    bool json = false;
+};
+int fit_command(const FitOptions& options);
+
 // How metrics are computed (systems/app/station/score.hpp).
 struct ScoreSettings {
     double idle_speed = 0.01;         // m/s
