@@ -103,6 +103,14 @@ SceneFile read_scene(toml::table root, const std::filesystem::path& path, const 
 SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<Override>& overrides) {
     return read_scene(read_toml(path, "scene"), path, overrides);
 }
+std::string scene_text_with(const std::filesystem::path& path, const std::vector<Override>& overrides) {
+    toml::table root = read_toml(path, "scene");
+    for (const Override& o : overrides) apply_override(root, o);
+    std::ostringstream text;
+    text << root << "\n";
+    return text.str();
+}
+
 SceneFile read_scene_text(const std::string& text, const std::filesystem::path& path, const std::vector<Override>& overrides) {
     return read_scene(read_toml_text(text, path.string()), path, overrides);
 }

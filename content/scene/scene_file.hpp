@@ -135,6 +135,9 @@ SceneFile read_scene_file(const std::filesystem::path& path, const std::vector<O
 // The same for the text of a scene. `path` is what errors call it; files that it names are looked for beside that.
 SceneFile read_scene_text(const std::string& text, const std::filesystem::path& path, const std::vector<Override>& overrides);
 
+// The text of a scene file with keys changed, without its comments. Throws InputError as read_scene_file does.
+std::string scene_text_with(const std::filesystem::path& path, const std::vector<Override>& overrides);
+
 // Throws InputError "file:line:1: reason" about a table of the scene, for errors found only by building it.
 [[noreturn]] void refuse(const SceneFile& scene, uint32_t line, const std::string& reason);
 

@@ -427,6 +427,29 @@ void add_fit(CLI::App& app, int& code) {
         "95 % intervals hold for independent errors of equal size. Exit code 1 if the search does not converge.");
 }
 
+void add_tune(CLI::App& app, int& code) {
+    const auto o = std::make_shared<TuneOptions>();
+    CLI::App* tune = app.add_subcommand("tune", "Find contact rate, iterations, steps and integrator of a scene for a budget and an error");
+    tune->add_option("scene", o->scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
+    tune->add_option("--budget-ms", o->budget_ms, "Processor time of a displayed frame (1/30 s) on one core, ms (default 33)")
+        ->check(CLI::PositiveNumber);
+    tune->add_option("--error-mm", o->error_mm,
+                     "Root mean square over vertices and frames of the worst body against a run with 240 Hz, 16 iterations and steps of "
+                     "0.25 ms, mm (default 0.1)")
+        ->check(CLI::PositiveNumber);
+    tune->add_option("--seconds", o->seconds, "Simulated time of a run, s (default: the scene's, at most 1)")->check(CLI::Range(1e-2, 1e6));
+    tune->add_option("--out", o->out, "Scene to write, with the chosen keys and their figures (without the comments of the original)");
+    tune->add_option("--trials", o->trials, "File that keeps every run: with it an interrupted search goes on");
+    add_sets(tune, o->overrides, "KEY=VALUE, changes a key of the scene in every run; repeatable");
+    tune->add_flag("--json", o->json, "JSON on standard output");
+    run_with(tune, code, o, tune_command);
+    tune->footer(
+        "Example: trocar tune kidney_on_liver --budget-ms 10 --error-mm 0.2 --out fast.toml\n"
+        "Changes one of contact.rate, contact.iterations, substep, body.integrator, contact.tolerance and contact.cell_edges at a\n"
+        "time, as long as the run gets cheaper within the error. Prints the choices that no other beats. Exit code 1 if none keeps\n"
+        "both limits.");
+}
+
 void add_replay(CLI::App& app, int& code) {
     const auto o = std::make_shared<ReplayOptions>();
     CLI::App* replay = app.add_subcommand("replay", "Replay a capture and compare, or replay one of its passes many times");
@@ -601,8 +624,8 @@ void describe(CLI::App& app, int& code) {
     app.set_version_flag("--version", [] { return version_text(); });
     app.require_subcommand(1);
     app.set_help_all_flag("--help-all", "Help of every command");
-    for (const auto add : {add_run, add_check, add_query, add_collide, add_convert, add_view, add_organ, add_scene, add_soak, add_sweep, add_fit,
-                           add_replay, add_capture, add_score, add_compare, add_exercise, add_device, add_scenes})
+    for (const auto add : {add_run, add_check, add_query, add_collide, add_convert, add_view, add_organ, add_scene, add_soak, add_sweep,
+                           add_fit, add_tune, add_replay, add_capture, add_score, add_compare, add_exercise, add_device, add_scenes})
         add(app, code);
 }
 

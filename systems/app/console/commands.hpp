@@ -200,6 +200,19 @@ struct FitOptions {
 };
 int fit_command(const FitOptions& options);
 
+// Finds settings of a scene that are accurate and cheap enough.
+struct TuneOptions {
+    std::string scene;
+    std::vector<Override> overrides;
+    double budget_ms = 33;         // of a displayed frame, 1/30 s, on one core
+    double error_mm = 0.1;         // root mean square of the worst body against a finer run
+    double seconds = 0;            // simulated; 0 = the scene's, at most 1
+    std::filesystem::path out;     // .toml of the chosen settings; empty = none
+    std::filesystem::path trials;  // file with which an interrupted search goes on; empty = none
+    bool json = false;
+};
+int tune_command(const TuneOptions& options);
+
 // How metrics are computed (systems/app/station/score.hpp).
 struct ScoreSettings {
     double idle_speed = 0.01;         // m/s

@@ -4,8 +4,6 @@
 #include <cmath>
 #include <cstdio>
 #include <exception>
-#include <fstream>
-#include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <thread>
@@ -21,6 +19,7 @@
 #include "systems/app/console/stop_signal.hpp"
 #include "systems/app/study/curve.hpp"
 #include "systems/app/study/least_squares.hpp"
+#include "systems/app/study/trial_file.hpp"
 namespace trocar {
 namespace {
 
@@ -45,45 +44,40 @@ FitParameter parse_parameter(const std::string& text) {
     return p;
 }
 
-// Curves that were simulated already, kept in a file with one line each, so that a fit that was interrupted goes on.
+// What the kept results depend on.
+ordered_json identity_of(const FitOptions& o, const std::vector<FitParameter>& parameters, const ForceCurve& measured, double seconds) {
+    ordered_json j{{"scene", read_text_file(find_scene(o.scene))}, {"at", measured.at}, {"seconds", seconds}, {"tool", o.tool}};
+    for (const Override& set : o.overrides) j["set"].push_back(set.key + "=" + set.value);
+    for (const FitParameter& p : parameters) j["parameters"].push_back(p.key);
+    return j;
+}
+
+// Simulated curves by the values of the parameters.
 class Trials {
  public:
     Trials(const FitOptions& options, const std::vector<FitParameter>& parameters, const ForceCurve& measured, double seconds)
-        : options_(options), parameters_(parameters), measured_(measured), seconds_(seconds), scene_(find_scene(options.scene)) {
-        if (options.out.empty()) return;
-        fs::create_directories(options.out);
-        identity_ = ordered_json{{"scene", read_text_file(scene_)},
-                                 {"set", ordered_json::array()},
-                                 {"at", measured.at},
-                                 {"seconds", seconds},
-                                 {"tool", options.tool}};
-        for (const Override& o : options.overrides) identity_["set"].push_back(o.key + "=" + o.value);
-        for (const FitParameter& p : parameters) identity_["parameters"].push_back(p.key);
-        load(options.out / "trials.jsonl");
-    }
-    size_t runs() const { return runs_; }
-    size_t kept() const { return kept_; }
+        : options_(options),
+          parameters_(parameters),
+          measured_(measured),
+          seconds_(seconds),
+          scene_(find_scene(options.scene)),
+          file_(options.out.empty() ? fs::path() : options.out / "trials.jsonl", identity_of(options, parameters, measured, seconds)) {}
+    const TrialFile& file() const { return file_; }
 
     std::vector<std::vector<double>> forces(const std::vector<std::vector<double>>& rows) {
-        std::vector<std::vector<double>> out(rows.size());
         std::vector<size_t> open;
-        for (size_t i = 0; i < rows.size(); ++i) {
-            const auto found = known_.find(rows[i]);
-            if (found == known_.end())
-                open.push_back(i);
-            else
-                out[i] = found->second;
-        }
+        for (size_t i = 0; i < rows.size(); ++i)
+            if (!file_.find(text_of(rows[i]))) open.push_back(i);
         std::atomic<size_t> next{0};
         std::exception_ptr failure;
         std::mutex mutex;
         const auto work = [&] {
             try {
                 for (size_t k; (k = next++) < open.size() && stop_signal() == 0;) {
-                    std::vector<double> force = run(rows[open[k]]);
+                    const std::vector<double> force = run(rows[open[k]]);
                     const std::lock_guard lock(mutex);
-                    keep(rows[open[k]], force);
-                    out[open[k]] = std::move(force);
+                    file_.keep(text_of(rows[open[k]]), force);
+                    progress_.show(0, format("%zu runs", file_.made()));
                 }
             } catch (...) {
                 const std::lock_guard lock(mutex);
@@ -98,47 +92,29 @@ class Trials {
         threads.clear();
         if (failure) std::rethrow_exception(failure);
         if (stop_signal() != 0) throw InputError("stopped" + (options_.out.empty() ? std::string() : "; the same command goes on"));
+        std::vector<std::vector<double>> out;
+        for (const std::vector<double>& row : rows) out.push_back(*file_.find(text_of(row)));
         return out;
     }
 
  private:
+    static std::string text_of(const std::vector<double>& values) {
+        std::string text;
+        for (const double v : values) text += format("%.17g ", v);
+        return text;
+    }
     std::vector<double> run(const std::vector<double>& values) const {
         std::vector<Override> overrides = options_.overrides;
         for (size_t k = 0; k < values.size(); ++k) overrides.push_back({parameters_[k].key, format("%.17g", values[k])});
         const SceneFile scene = read_scene_file(scene_, overrides);
         return force_at(simulate_curve(scene, options_.tool, measured_.by_depth, seconds_), measured_.at);
     }
-    void keep(const std::vector<double>& values, const std::vector<double>& force) {
-        known_[values] = force, ++runs_;
-        progress_.show(0, format("%zu runs", runs_));
-        if (options_.out.empty()) return;
-        std::ofstream file(options_.out / "trials.jsonl", std::ios::app);
-        file << ordered_json{{"values", values}, {"force", force}}.dump() << "\n";
-        if (!file) throw InputError((options_.out / "trials.jsonl").string() + ": cannot be written");
-    }
-    // A file of another fit is begun anew; a last line that a kill cut off is passed over.
-    void load(const fs::path& path) {
-        std::ifstream file(path);
-        std::string line;
-        if (std::getline(file, line) && ordered_json::parse(line, nullptr, false) == identity_) {
-            while (std::getline(file, line)) {
-                const auto j = ordered_json::parse(line, nullptr, false);
-                if (j.is_object()) known_[j["values"].get<std::vector<double>>()] = j["force"].get<std::vector<double>>();
-            }
-            kept_ = known_.size();
-        }
-        std::string text = identity_.dump() + "\n";
-        for (const auto& [values, force] : known_) text += ordered_json{{"values", values}, {"force", force}}.dump() + "\n";
-        write_whole_file(path, text);
-    }
     const FitOptions& options_;
     const std::vector<FitParameter>& parameters_;
     const ForceCurve& measured_;
     double seconds_;
     fs::path scene_;
-    ordered_json identity_;
-    std::map<std::vector<double>, std::vector<double>> known_;
-    size_t runs_ = 0, kept_ = 0;
+    TrialFile file_;
     Progress progress_{"fit"};
 };
 
@@ -182,8 +158,10 @@ int fit_command(const FitOptions& o) {
     const double period = 1.0 / scene.contact_rate;
     const double seconds = o.seconds > 0 ? o.seconds : measured.by_depth ? scene.settings.seconds : measured.at.back() + period;
     const StopOnSignal stop;
+    if (!o.out.empty()) fs::create_directories(o.out);
     Trials trials(o, parameters, measured, seconds);
-    if (trials.kept() > 0) std::fprintf(stderr, "trocar: %zu runs of an earlier fit are taken over\n", trials.kept());
+    if (trials.file().taken_over() > 0)
+        std::fprintf(stderr, "trocar: %zu runs of an earlier fit are taken over\n", trials.file().taken_over());
     const auto residuals = [&](const std::vector<std::vector<double>>& rows) {
         std::vector<std::vector<double>> r = trials.forces(rows);
         for (std::vector<double>& row : r)
@@ -193,7 +171,7 @@ int fit_command(const FitOptions& o) {
     const Fit fit = fit_least_squares(parameters, residuals);
     double largest = 0;
     for (const double f : measured.force) largest = std::max(largest, std::abs(f));
-    const ordered_json answer = to_json(o, parameters, fit, largest, trials.runs());
+    const ordered_json answer = to_json(o, parameters, fit, largest, trials.file().made());
     if (!o.out.empty()) {
         std::vector<double> best;
         for (const Fitted& f : fit.parameter) best.push_back(f.value);
@@ -203,7 +181,7 @@ int fit_command(const FitOptions& o) {
         write_whole_file(o.out / "curve.csv", csv);
         write_whole_file(o.out / "fit.json", answer.dump(2) + "\n");
     }
-    write_standard_output(o.json ? answer.dump() + "\n" : to_text(o, parameters, fit, largest, trials.runs()));
+    write_standard_output(o.json ? answer.dump() + "\n" : to_text(o, parameters, fit, largest, trials.file().made()));
     return fit.converged ? kDone : kNo;
 }
 
