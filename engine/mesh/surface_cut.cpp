@@ -254,12 +254,16 @@ void open_slits(CutMesh& mesh, std::vector<CutVertex>& made) {
     }
 }
 
-// Keeps the slits that are still closed: edges of two triangles.
-void drop_open_slits(CutMesh& mesh) {
+// Keeps the slits that are still closed: edges of two triangles. The others have opened.
+void drop_open_slits(CutMesh& mesh, std::vector<CutEdge>& opened) {
     std::vector<uint32_t> ends;
     for (const CutEdge& e : mesh.slit) ends.push_back(e[0]);
     const Around at = around(mesh, std::move(ends));
-    std::erase_if(mesh.slit, [&](const CutEdge& e) { return count_sides(mesh, at.of(e[0]), e[1]) != 2; });
+    std::erase_if(mesh.slit, [&](const CutEdge& e) {
+        const bool open = count_sides(mesh, at.of(e[0]), e[1]) != 2;
+        if (open) opened.push_back(e);
+        return open;
+    });
 }
 
 // Adds the edges of the path that separate two triangles to the slits.
@@ -317,6 +321,18 @@ void move_front(const EdgeSweep& s, std::span<const PathPoint> path, std::span<c
 
 }  // namespace
 
+void find_pierces(const EdgeSweep& s, const CutMesh& mesh, std::vector<EdgePierce>& pierces) {
+    pierces.clear();
+    for (const uint32_t t : near_triangles({s.a1, s.b1, s.a1, s.b1}, mesh)) {
+        const Vec3d &a = mesh.place[mesh.triangle[t][0]], &b = mesh.place[mesh.triangle[t][1]], &c = mesh.place[mesh.triangle[t][2]];
+        const double along = crossing_along(s.a1, s.b1, a, b, c);
+        if (std::isnan(along)) continue;
+        const Vec3d weight(std::abs(six_volume(s.a1, s.b1, b, c)), std::abs(six_volume(s.a1, s.b1, c, a)),
+                           std::abs(six_volume(s.a1, s.b1, a, b)));
+        if (weight.sum() > 0) pierces.push_back({t, weight / weight.sum(), along});
+    }
+}
+
 CutResult cut_surface(const EdgeSweep& sweep, CutMesh& mesh, std::vector<CutVertex>& made) {
     made.clear();
     CutResult result;
@@ -358,7 +374,7 @@ CutResult cut_surface(const EdgeSweep& sweep, CutMesh& mesh, std::vector<CutVert
     result.length = add_slits(mesh, joined);
     move_front(sweep, path, joined, mesh);
     open_slits(mesh, made);
-    drop_open_slits(mesh);
+    drop_open_slits(mesh, result.opened);
     return result;
 }
 

@@ -42,8 +42,18 @@ struct CutVertex {
 
 struct CutResult {
     double length = 0;     // m, at rest, of the edges that became slits
+    std::vector<std::array<uint32_t, 2>> opened;  // edges along which the surface opened, as they are on one side of the cut
     bool refused = false;  // there was not enough room for all of the cut: nothing was changed
 };
+
+// A point at which an edge goes through a surface.
+struct EdgePierce {
+    uint32_t triangle = 0;
+    Vec3d weight = Vec3d::Zero();  // barycentric
+    double along = 0;              // part of the edge, from a
+};
+// All of the edge a1 b1 of a sweep, by triangle.
+void find_pierces(const EdgeSweep& sweep, const CutMesh& mesh, std::vector<EdgePierce>& pierces);
 
 // Makes the cut of one sweep. made: one element per new vertex, in their order. Triangles keep their numbers, their
 // first part if they are split.

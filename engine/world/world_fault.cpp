@@ -51,7 +51,7 @@ bool all_have(const T& group, size_t rows, std::initializer_list<std::string_vie
 }
 
 // Last value of the enums in files; an enum without one does not compile.
-constexpr ActionKind last_of(ActionKind) { return ActionKind::kCut; }
+constexpr ActionKind last_of(ActionKind) { return ActionKind::kCauterise; }
 constexpr ActionTrigger last_of(ActionTrigger) { return ActionTrigger::kAlways; }
 constexpr Admission last_of(Admission) { return Admission::kRefused; }
 constexpr AnchorFrame last_of(AnchorFrame) { return AnchorFrame::kShape; }

@@ -27,6 +27,41 @@ std::vector<uint32_t> take_front(uint32_t index, uint32_t action, CutSurfaces& c
     return front;
 }
 
+// Places at which the edge of an action went through a cut body at the end of its last sweep, out of the list.
+std::vector<PiercedPoint> take_pierced(uint32_t index, uint32_t action, CutSurfaces& cut) {
+    std::vector<PiercedPoint> pierced;
+    std::erase_if(cut.pierced, [&](const PiercedPoint& p) {
+        if (p.cut == index && p.action == action) pierced.push_back(p);
+        return p.cut == index && p.action == action;
+    });
+    return pierced;
+}
+
+// Moves the start of a sweep to where the surface has carried the points that the edge went through: what passed the edge
+// between two passes is swept too. Linear along the edge between the first and the last of them.
+void carry_start(std::span<const PiercedPoint> pierced, const CutMesh& mesh, EdgeSweep& sweep) {
+    if (pierced.empty()) return;
+    const auto carried = [&](const PiercedPoint& p) {
+        Vec3d now = Vec3d::Zero();
+        for (int k = 0; k < 3; ++k) now += p.weight[k] * mesh.place[mesh.triangle[p.triangle][k]];
+        return Vec3d(now - sweep.a0 - p.along * (sweep.b0 - sweep.a0));
+    };
+    const auto by_place = [](const PiercedPoint& a, const PiercedPoint& b) { return a.along < b.along; };
+    const auto [first, last] = std::minmax_element(pierced.begin(), pierced.end(), by_place);
+    const Vec3d at_first = carried(*first), at_last = carried(*last);
+    constexpr double kApart = 0.05;  // of the edge: nearer ones would turn it by chance
+    const double apart = last->along - first->along;
+    const Vec3d rate = apart > kApart ? Vec3d((at_last - at_first) / apart) : Vec3d(Vec3d::Zero());
+    const Vec3d at_a = at_first - first->along * rate;
+    sweep.a0 += at_a, sweep.b0 += at_a + rate;
+}
+
+void put_pierced(uint32_t index, uint32_t action, const EdgeSweep& sweep, const CutMesh& mesh, CutSurfaces& cut) {
+    std::vector<EdgePierce> pierces;
+    find_pierces(sweep, mesh, pierces);
+    for (const EdgePierce& p : pierces) cut.pierced.push_back({index, action, p.triangle, p.weight, p.along});
+}
+
 void put_lists(uint32_t index, uint32_t action, const CutMesh& mesh, CutSurfaces& cut) {
     for (const auto& s : mesh.slit) cut.slit.push_back({index, s[0], s[1]});
     for (const uint32_t v : mesh.front) cut.front.push_back({index, v, action});
@@ -37,7 +72,7 @@ void put_lists(uint32_t index, uint32_t action, const CutMesh& mesh, CutSurfaces
 double energy_of_body(const CutWorld& w, uint32_t body) {
     Energy energy;
     BodyEnergyScratch scratch;
-    add_body_energy({w.springs, w.bodies, w.poses, w.particles, w.anchors, w.gravity, {}}, body, scratch, energy);
+    add_body_energy({w.springs, w.bodies, w.poses, w.particles, w.anchors, w.gravity, {.actions = &w.actions}}, body, scratch, energy);
     return energy.kinetic + energy.elastic + energy.gravity;
 }
 
@@ -123,12 +158,14 @@ double cut_body(const CutWorld& w, uint32_t action, uint32_t index, EdgeSweep sw
     WorkingSurface work(w, index, action);
     const auto slits = work.mesh.slit;
     const auto front = work.mesh.front;
+    carry_start(take_pierced(index, action, w.state.cut), work.mesh, sweep);
     std::vector<CutVertex> made;
     const CutResult result = cut_surface(sweep, work.mesh, made);
     const bool changed = !made.empty();
     if (result.refused) ++w.state.progress[action].refused;
     if (!changed) {
         put_lists(index, action, work.mesh, w.state.cut);
+        put_pierced(index, action, sweep, work.mesh, w.state.cut);
         return result.length;
     }
     const Range shares = w.springs.vertices[prototype];
@@ -140,10 +177,12 @@ double cut_body(const CutWorld& w, uint32_t action, uint32_t index, EdgeSweep sw
         ++w.state.progress[action].refused;
         work.mesh.slit = slits, work.mesh.front = front;
         put_lists(index, action, work.mesh, w.state.cut);
-        return 0;
+        return 0;  // the next sweep begins where this one does in the world: the surface is as it was
     }
     w.state.cut = std::move(next);
+    for (const auto& [a, b] : result.opened) w.state.opened.push_back({body, a, b, action});
     put_lists(index, action, work.mesh, w.state.cut);
+    put_pierced(index, action, sweep, work.mesh, w.state.cut);
     place_new(w, body, old, made);
     share_mass(w, body, before, made);
     remake_tree(body, w.bodies, w.particles, w.meshes, w.trees);
@@ -164,16 +203,19 @@ Vec3d resist(const CutWorld& w, const ToolAction& action, const Vec3d& moved, Ac
     const double left = std::sqrt(std::max(0.0, speed * speed - 2 * given * inverse));
     w.poses.velocity[body] -= (speed - left) * along;
     progress.owed -= given;
+    w.energy.work_hand += given, w.energy.work_cuts -= given;
     return -(speed - left) / inverse / w.period * along;
 }
 
 void forget_front(uint32_t action, CutSurfaces& cut) {
     std::erase_if(cut.front, [&](const std::array<uint32_t, 3>& f) { return f[2] == action; });
+    std::erase_if(cut.pierced, [&](const PiercedPoint& p) { return p.action == action; });
 }
 
 }  // namespace
 
 void cut_with_tools(const CutWorld& w) {
+    w.state.opened.clear();
     std::vector<Vec3d> force(w.tools.size(), Vec3d::Zero());
     for (uint32_t i = 0; i < w.actions.action.size(); ++i) {
         const ToolAction& action = w.actions.action[i];
