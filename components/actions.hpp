@@ -181,16 +181,6 @@ struct BurntNode {
     TROCAR_FIELDS(body, "index of bodies", node, action, "index of actions");
 };
 
-// Where the edge of a cutting tool went through a surface at the end of its last sweep: a point of the surface, from which
-// the next sweep goes on, wherever the surface has moved to.
-struct PiercedPoint {
-    uint32_t cut = 0, action = 0;     // index into cut_body, into action
-    uint32_t triangle = 0;            // of the surface
-    Vec3d weight = Vec3d::Zero();     // barycentric
-    double along = 0;                 // part of the edge, from its point
-    TROCAR_FIELDS(cut, "index of cut bodies", action, "index of actions", triangle, weight, along);
-};
-
 // Present surfaces of the bodies that may be cut, in the frames of their prototypes at rest. Elements beyond the counts are unused.
 struct CutSurfaces {
     std::vector<std::array<uint32_t, 2>> count;  // one per cut body: vertices, triangles
@@ -203,8 +193,8 @@ struct CutSurfaces {
     std::vector<std::array<uint32_t, 3>> slit;
     // Vertices at which a cut may go on: index into cut_body, vertex, index into action.
     std::vector<std::array<uint32_t, 3>> front;
-    std::vector<PiercedPoint> pierced;
-    TROCAR_FIELDS(count, position, "m", goal, "m", triangle, uv, material, slit, front, pierced);
+    std::vector<Vec3d> before;  // m, world, at the last pass, of bodies that a tool with a pulled trigger may cut
+    TROCAR_FIELDS(count, position, "m", goal, "m", triangle, uv, material, slit, front, before, "m");
 };
 
 struct ActionState {
@@ -215,7 +205,8 @@ struct ActionState {
     HeatState heat;
     std::vector<OpenedEdge> opened;  // in this pass
     std::vector<BurntNode> burnt;    // in this pass
-    TROCAR_FIELDS(progress, staple, cut, grasp, heat, opened, burnt);
+    std::vector<uint32_t> released;  // bodies whose links an instrument has let go of in this pass
+    TROCAR_FIELDS(progress, staple, cut, grasp, heat, opened, burnt, released);
 };
 
 }  // namespace trocar

@@ -12,6 +12,8 @@ namespace trocar {
 namespace {
 
 constexpr double kBoiling = 100;       // degrees Celsius
+// Below, tissue repairs what heat does (the break of thermal doses: Sapareto, Dewey, Int. J. Radiat. Oncol. 10, 1984).
+constexpr double kRepair = 43;         // degrees Celsius
 constexpr double kGas = 8.314462618;   // J/(mol K)
 constexpr double kZeroCelsius = 273.15;  // K
 
@@ -140,7 +142,7 @@ void step_heat(const Actions& actions, const HeatBody& body, double seconds, std
             const double blood = state.damage[body.nodes.first + v] >= 1 ? 0.0 : body.perfusion * rise[v];
             rise[v] += dt * (flow[v] + power[v] + volume * (body.metabolism - blood)) / capacity;
             if (rise[v] > most) state.steam[body.nodes.first + v] += capacity * (rise[v] - most), rise[v] = most;
-            state.damage[body.nodes.first + v] += dt * damage_rate_at(body, body.blood + rise[v]);
+            if (body.blood + rise[v] > kRepair) state.damage[body.nodes.first + v] += dt * damage_rate_at(body, body.blood + rise[v]);
         }
     }
 }

@@ -191,8 +191,8 @@ bool begin_grasp(const ActionPass& pass, uint32_t index, const Vec3d& point, Lin
 }
 
 // Lets go of what a grasp holds.
-void let_go(const ActionPass& pass, const ToolGrasp& grasp, Links& links, Sleep& sleep, Energy& energy) {
-    if (is_deformable(pass.world.surfaces.bodies, grasp.body)) free_link_group(links, grasp.group, energy);
+void let_go(const ActionPass& pass, const ToolGrasp& grasp, ActionState& state, Links& links, Sleep& sleep, Energy& energy) {
+    if (is_deformable(pass.world.surfaces.bodies, grasp.body)) free_link_group(links, grasp.group, energy), state.released.push_back(grasp.body);
     energy.work_links -= grasp.stored;
     wake_body(sleep, grasp.body);
 }
@@ -214,7 +214,7 @@ bool end_grasps(const ActionPass& pass, ActionState& state, Links& links, Sleep&
         grasp.impulse.setZero(), grasp.moment.setZero();
         if (!slipped && progress.on && is_there(pass, grasp.body)) return false;
         progress.slips += slipped;
-        let_go(pass, grasp, links, sleep, energy);
+        let_go(pass, grasp, state, links, sleep, energy);
         return changed = true;
     });
     return changed;
@@ -244,6 +244,7 @@ StapledSurface nearest_surface(const LinkWorld& world, uint32_t body, const Vec3
 }
 
 void act(const ActionPass& pass, LinkScratch& scratch, ActionState& state, Links& links, Sleep& sleep, Energy& energy) {
+    state.released.clear();
     bool changed = forget_pulled(state, links, energy);
     for (uint32_t index = 0; index < pass.actions.action.size(); ++index) {
         const ToolAction& action = pass.actions.action[index];

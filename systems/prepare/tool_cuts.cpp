@@ -27,41 +27,6 @@ std::vector<uint32_t> take_front(uint32_t index, uint32_t action, CutSurfaces& c
     return front;
 }
 
-// Places at which the edge of an action went through a cut body at the end of its last sweep, out of the list.
-std::vector<PiercedPoint> take_pierced(uint32_t index, uint32_t action, CutSurfaces& cut) {
-    std::vector<PiercedPoint> pierced;
-    std::erase_if(cut.pierced, [&](const PiercedPoint& p) {
-        if (p.cut == index && p.action == action) pierced.push_back(p);
-        return p.cut == index && p.action == action;
-    });
-    return pierced;
-}
-
-// Moves the start of a sweep to where the surface has carried the points that the edge went through: what passed the edge
-// between two passes is swept too. Linear along the edge between the first and the last of them.
-void carry_start(std::span<const PiercedPoint> pierced, const CutMesh& mesh, EdgeSweep& sweep) {
-    if (pierced.empty()) return;
-    const auto carried = [&](const PiercedPoint& p) {
-        Vec3d now = Vec3d::Zero();
-        for (int k = 0; k < 3; ++k) now += p.weight[k] * mesh.place[mesh.triangle[p.triangle][k]];
-        return Vec3d(now - sweep.a0 - p.along * (sweep.b0 - sweep.a0));
-    };
-    const auto by_place = [](const PiercedPoint& a, const PiercedPoint& b) { return a.along < b.along; };
-    const auto [first, last] = std::minmax_element(pierced.begin(), pierced.end(), by_place);
-    const Vec3d at_first = carried(*first), at_last = carried(*last);
-    constexpr double kApart = 0.05;  // of the edge: nearer ones would turn it by chance
-    const double apart = last->along - first->along;
-    const Vec3d rate = apart > kApart ? Vec3d((at_last - at_first) / apart) : Vec3d(Vec3d::Zero());
-    const Vec3d at_a = at_first - first->along * rate;
-    sweep.a0 += at_a, sweep.b0 += at_a + rate;
-}
-
-void put_pierced(uint32_t index, uint32_t action, const EdgeSweep& sweep, const CutMesh& mesh, CutSurfaces& cut) {
-    std::vector<EdgePierce> pierces;
-    find_pierces(sweep, mesh, pierces);
-    for (const EdgePierce& p : pierces) cut.pierced.push_back({index, action, p.triangle, p.weight, p.along});
-}
-
 void put_lists(uint32_t index, uint32_t action, const CutMesh& mesh, CutSurfaces& cut) {
     for (const auto& s : mesh.slit) cut.slit.push_back({index, s[0], s[1]});
     for (const uint32_t v : mesh.front) cut.front.push_back({index, v, action});
@@ -113,7 +78,7 @@ void place_new(const CutWorld& w, uint32_t body, uint32_t old, std::span<const C
 
 // The present surface, in arrays of its own that a refused cut leaves behind.
 struct WorkingSurface {
-    std::vector<Vec3d> rest, place;
+    std::vector<Vec3d> rest, place, before;
     std::vector<Triangle> triangle;
     std::vector<std::array<Vec2, 3>> uv;
     std::vector<uint16_t> material;
@@ -128,11 +93,13 @@ struct WorkingSurface {
         part(cut.position, limits.vertices, rest);
         part(cut.triangle, limits.triangles, triangle), part(cut.uv, limits.triangles, uv), part(cut.material, limits.triangles, material);
         place.resize(rest.size(), Vec3d::Zero());
+        part(cut.before, limits.vertices, before);
+        for (Vec3d& p : before) p -= w.poses.origin[limits.body];
         for (uint32_t v = 0; v < cut.count[index][0]; ++v) {
             const Float4& o = w.particles.offset[w.bodies.particles[limits.body].first + v];
             place[v] = {o.x, o.y, o.z};
         }
-        mesh = {cut.count[index][0], cut.count[index][1], rest, place, triangle, uv, material, {}, {}, limits.edge};
+        mesh = {cut.count[index][0], cut.count[index][1], rest, place, triangle, uv, material, {}, {}, limits.edge, before};
         mesh.slit = take_slits(index, cut);
         mesh.front = take_front(index, action, cut);
     }
@@ -158,14 +125,12 @@ double cut_body(const CutWorld& w, uint32_t action, uint32_t index, EdgeSweep sw
     WorkingSurface work(w, index, action);
     const auto slits = work.mesh.slit;
     const auto front = work.mesh.front;
-    carry_start(take_pierced(index, action, w.state.cut), work.mesh, sweep);
     std::vector<CutVertex> made;
     const CutResult result = cut_surface(sweep, work.mesh, made);
     const bool changed = !made.empty();
     if (result.refused) ++w.state.progress[action].refused;
     if (!changed) {
         put_lists(index, action, work.mesh, w.state.cut);
-        put_pierced(index, action, sweep, work.mesh, w.state.cut);
         return result.length;
     }
     const Range shares = w.springs.vertices[prototype];
@@ -177,12 +142,11 @@ double cut_body(const CutWorld& w, uint32_t action, uint32_t index, EdgeSweep sw
         ++w.state.progress[action].refused;
         work.mesh.slit = slits, work.mesh.front = front;
         put_lists(index, action, work.mesh, w.state.cut);
-        return 0;  // the next sweep begins where this one does in the world: the surface is as it was
+        return 0;
     }
     w.state.cut = std::move(next);
     for (const auto& [a, b] : result.opened) w.state.opened.push_back({body, a, b, action});
     put_lists(index, action, work.mesh, w.state.cut);
-    put_pierced(index, action, sweep, work.mesh, w.state.cut);
     place_new(w, body, old, made);
     share_mass(w, body, before, made);
     remake_tree(body, w.bodies, w.particles, w.meshes, w.trees);
@@ -207,9 +171,25 @@ Vec3d resist(const CutWorld& w, const ToolAction& action, const Vec3d& moved, Ac
     return -(speed - left) / inverse / w.period * along;
 }
 
+// Notes where the surfaces are that the next sweeps begin from.
+void note_places(const CutWorld& w) {
+    CutSurfaces& cut = w.state.cut;
+    const auto is_cut_now = [&](uint32_t index) {
+        return std::any_of(w.actions.cuts.begin(), w.actions.cuts.end(),
+                           [&](const auto& c) { return c[1] == index && w.state.progress[c[0]].swept; });
+    };
+    for (uint32_t index = 0; index < w.actions.cut_body.size(); ++index) {
+        if (!is_cut_now(index)) continue;
+        const CutBody& limits = w.actions.cut_body[index];
+        for (uint32_t v = 0; v < cut.count[index][0]; ++v) {
+            const Float4& o = w.particles.offset[w.bodies.particles[limits.body].first + v];
+            cut.before[limits.vertices.first + v] = w.poses.origin[limits.body] + Vec3d(o.x, o.y, o.z);
+        }
+    }
+}
+
 void forget_front(uint32_t action, CutSurfaces& cut) {
     std::erase_if(cut.front, [&](const std::array<uint32_t, 3>& f) { return f[2] == action; });
-    std::erase_if(cut.pierced, [&](const PiercedPoint& p) { return p.action == action; });
 }
 
 }  // namespace
@@ -240,6 +220,7 @@ void cut_with_tools(const CutWorld& w) {
         }
         force[action.tool] += resist(w, action, 0.5 * (sweep.a1 + sweep.b1 - sweep.a0 - sweep.b0), progress);
     }
+    note_places(w);
     for (size_t t = 0; t < w.states.size(); ++t) {
         if (!w.links) w.states[t].link_force_before = w.states[t].link_force, w.states[t].link_force.setZero();
         w.states[t].link_force += force[t];

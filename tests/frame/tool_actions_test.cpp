@@ -138,7 +138,6 @@ TEST(ToolActions, AStapleIsPulledOutAtItsForce) {
         run(std::move(scene.build().world), 420, [&](Frame& frame, int pass) {
             const World& w = frame.world();
             if (pulled == 0 && w.action_state.progress[0].pulled_out == 0) before = w.energy.balance;
-            if (getenv("TRACE") && pass > 170 && pass < 200) std::printf("%d dt %g bal %g kin %g el %g num %g damp %g links %g\n", pass, w.particles.last_dt[0], w.energy.balance, w.energy.kinetic, w.energy.elastic, w.energy.work_numeric, w.energy.work_damping, w.energy.links);
             worst = std::max(worst, std::abs(w.energy.balance));
             if (pass == 12) rods_before = frame.snapshot_now().rod.size();
             if (pulled == 0 && w.action_state.progress[0].pulled_out == 1) {
