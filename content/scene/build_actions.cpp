@@ -82,7 +82,7 @@ void add_scene_actions(const SceneFile& scene, World& world) {
     // a grasp: links of 64 nodes of each of two bodies, such as two sheets (tool_actions.cpp)
     reserve_links(world.links, world.links.node.capacity() + staples + 128 * grasps, staples + 2 * grasps);
     world.action_state.staple.reserve(staples), world.action_state.grasp.reserve(4 * grasps);
-    world.action_state.released.reserve(4 * grasps);
+    world.action_state.released.reserve(4 * grasps + 2 * staples);
 }
 
 }  // namespace trocar

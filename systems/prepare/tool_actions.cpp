@@ -135,6 +135,8 @@ bool forget_pulled(ActionState& state, Links& links, Energy& energy) {
             bool holds = false;
             for (uint32_t i = range.first; i < range.end(); ++i) holds = holds || links.whole[i];
             if (holds) return false;
+            // what it held still rings
+            state.released.push_back(links.group[group].body), state.released.push_back(links.group[group].holder);
             free_link_group(links, staple.group, energy);
         }
         ++state.progress[staple.action].pulled_out;

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "frame/written_scene.hpp"
+#include "reference/paths.hpp"
 namespace trocar {
 namespace {
 
@@ -162,6 +163,21 @@ TEST(ToolActions, AStapleIsPulledOutAtItsForce) {
         EXPECT_LT(std::abs(balance), 1e-3 * entered) << "what it held rings near the stable step";
         EXPECT_LT(worst, 1e-3 * entered) << "while it rings, and after";
     }
+}
+
+// The tacker of the scene sets its first staple, in contact with mesh and wall: the accounting closes to 0.1 % of the hand's work.
+TEST(ToolActions, TheAccountingOfAStapledMeshCloses) {
+    const auto path = source_folder() / "content/scenes/staple.toml";
+    BuiltScene scene = build_scene(read_scene_file(path, {{"wall.triangles", "800"}, {"mesh.triangles", "400"}}), Looks::kPlain);
+    double worst = 0;
+    run(std::move(scene.world), 60, [&](Frame& frame, int pass) {
+        const World& w = frame.world();
+        worst = std::max(worst, std::abs(w.energy.balance));
+        if (pass < 59) return;
+        std::printf("balance at most %.3g of %.3g J\n", worst, w.energy.work_hand);
+        EXPECT_EQ(w.action_state.progress[0].done, 1u);
+        EXPECT_LT(worst, 1e-3 * w.energy.work_hand);
+    });
 }
 
 // Any number of threads, and scratch thrown away between any two stages, give the same bits.
