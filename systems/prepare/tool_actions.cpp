@@ -193,7 +193,7 @@ bool begin_grasp(const ActionPass& pass, uint32_t index, const Vec3d& point, Lin
 }
 
 // Lets go of what a grasp holds.
-void let_go(const ActionPass& pass, const ToolGrasp& grasp, ActionState& state, Links& links, Sleep& sleep, Energy& energy) {
+void let_grasp_go(const ActionPass& pass, const ToolGrasp& grasp, ActionState& state, Links& links, Sleep& sleep, Energy& energy) {
     if (is_deformable(pass.world.surfaces.bodies, grasp.body)) free_link_group(links, grasp.group, energy), state.released.push_back(grasp.body);
     energy.work_links -= grasp.stored;
     wake_body(sleep, grasp.body);
@@ -216,7 +216,7 @@ bool end_grasps(const ActionPass& pass, ActionState& state, Links& links, Sleep&
         grasp.impulse.setZero(), grasp.moment.setZero();
         if (!slipped && progress.on && is_there(pass, grasp.body)) return false;
         progress.slips += slipped;
-        let_go(pass, grasp, state, links, sleep, energy);
+        let_grasp_go(pass, grasp, state, links, sleep, energy);
         return changed = true;
     });
     return changed;
