@@ -10,9 +10,9 @@
 namespace trocar {
 
 enum class ActionKind : uint8_t {
-    kStaple,  // joins the two nearest surfaces at its point
-    kCut,     // parts the surfaces that its edge sweeps through
-    kGrasp,   // holds what lies at its point: nodes of deformable bodies by links, free rigid bodies by friction
+    kStaple,     // joins the two nearest surfaces at its point
+    kCut,        // parts the surfaces that its edge sweeps through
+    kGrasp,      // holds what lies at its point: nodes of deformable bodies by links, free rigid bodies by friction
     kCauterise,  // heats the tissue at its point
 };
 
@@ -74,12 +74,12 @@ struct CutBody {
 // all nodes of a solid.
 struct HeatBody {
     uint32_t body = kNone;
-    Range nodes;            // of HeatState's arrays and of Actions::heat_volume
-    Range edges;            // of Actions::heat_edge
-    double per_volume = 0;  // J/(m^3 K), density times specific heat
-    double perfusion = 0;   // W/(m^3 K), blood flow times its density and specific heat
-    double metabolism = 0;  // W/m^3
-    double blood = 37;      // degrees Celsius, of the arteries
+    Range nodes;               // of HeatState's arrays and of Actions::heat_volume
+    Range edges;               // of Actions::heat_edge
+    double per_volume = 0;     // J/(m^3 K), density times specific heat
+    double perfusion = 0;      // W/(m^3 K), blood flow times its density and specific heat
+    double metabolism = 0;     // W/m^3
+    double blood = 37;         // degrees Celsius, of the arteries
     double damage_rate = 0;    // 1/s, of the Arrhenius integral
     double damage_energy = 0;  // J/mol, likewise
     double stable_dt = 0;      // s, of explicit diffusion
@@ -127,8 +127,8 @@ struct ActionProgress {
     bool swept = false;          // the edge was moved in the last pass, from
     Vec3d from = Vec3d::Zero();  // m, world: point
     Vec3d from_edge = Vec3d::Zero();
-    TROCAR_FIELDS(on, next, done, misfires, pulled_out, largest_force, "N", refused, area, "m^2", work, "J", owed, "J", slips, heat, "J", burnt,
-                  "m^2", stroke, swept, from, "m", from_edge, "m");
+    TROCAR_FIELDS(on, next, done, misfires, pulled_out, largest_force, "N", refused, area, "m^2", work, "J", owed, "J", slips, heat, "J",
+                  burnt, "m^2", stroke, swept, from, "m", from_edge, "m");
 };
 
 // A staple that an action set.
@@ -145,15 +145,15 @@ struct ToolGrasp {
     uint32_t body = kNone;
     Entity group;  // of links, of a deformable body
     // of a rigid body
-    Vec3d point = Vec3d::Zero();   // m, frame of the tool's body: where the jaws hold it
-    Vec3d arm = Vec3d::Zero();     // m, frame of the body: point that they hold
-    Quat turn;                     // frame of the body to that of the tool's body, in which the jaws hold it
-    Vec3d impulse = Vec3d::Zero(); // N s, on the body, summed over the pass
-    Vec3d moment = Vec3d::Zero();  // N m s, about the point
-    double stored = 0;             // J, in the pads
-    double slipped = 0;            // m, way of the body between the jaws so far
-    double turned = 0;             // rad, likewise
-    double largest_force = 0;      // N, mean over a pass, so far
+    Vec3d point = Vec3d::Zero();    // m, frame of the tool's body: where the jaws hold it
+    Vec3d arm = Vec3d::Zero();      // m, frame of the body: point that they hold
+    Quat turn;                      // frame of the body to that of the tool's body, in which the jaws hold it
+    Vec3d impulse = Vec3d::Zero();  // N s, on the body, summed over the pass
+    Vec3d moment = Vec3d::Zero();   // N m s, about the point
+    double stored = 0;              // J, in the pads
+    double slipped = 0;             // m, way of the body between the jaws so far
+    double turned = 0;              // rad, likewise
+    double largest_force = 0;       // N, mean over a pass, so far
     TROCAR_FIELDS(action, "index of actions", body, "index of bodies", group, point, "m", arm, "m", turn, impulse, "N s", moment, "N m s",
                   stored, "J", slipped, "m", turned, "rad", largest_force, "N");
 };
@@ -168,8 +168,8 @@ struct HeatState {
 
 // An edge of a surface along which a cut has opened it.
 struct OpenedEdge {
-    uint32_t body = kNone;   // that was cut
-    uint32_t a = 0, b = 0;   // its vertices
+    uint32_t body = kNone;  // that was cut
+    uint32_t a = 0, b = 0;  // its vertices
     uint32_t action = 0;
     TROCAR_FIELDS(body, "index of bodies", a, b, action, "index of actions");
 };

@@ -12,7 +12,7 @@ ActionKind read_kind(TomlSection& section) {
     if (kind == "grasp") return ActionKind::kGrasp;
     if (kind == "cauterise") return ActionKind::kCauterise;
     const std::string kinds = "staple, cut, grasp, cauterise";
-    section.fail(kind.empty()        ? "a [[tool.action]] needs a kind: " + kinds
+    section.fail(kind.empty()       ? "a [[tool.action]] needs a kind: " + kinds
                  : kind == "suture" ? "kind \"" + kind + "\" is not there yet; there are " + kinds
                                     : "kind \"" + kind + "\" is none of " + kinds);
 }

@@ -25,7 +25,8 @@ uint32_t heat_body(const SceneFile& scene, const ActionSpec& spec, uint32_t body
         refuse(scene, spec.line, where + "may be cut or tear: its nodes would change");
     const uint32_t known = find_of_body(world.actions.heat_body, body);
     if (known != kNone) return known;
-    const auto of = std::find_if(scene.bodies.begin(), scene.bodies.end(), [&](const BodySpec& b) { return b.name == world.bodies.name[body]; });
+    const auto of =
+        std::find_if(scene.bodies.begin(), scene.bodies.end(), [&](const BodySpec& b) { return b.name == world.bodies.name[body]; });
     const HeatTissue heat = of == scene.bodies.end() ? HeatTissue{} : of->heat;
     const Tissue& tissue = world.bodies.tissue[body];
     const double wall = world.bodies.thickness[body] > 0 ? world.bodies.thickness[body] : tissue.wall;

@@ -53,7 +53,9 @@ Box box_of_sweep(const EdgeSweep& s) {
 }
 
 // m, by which a vertex has moved during the sweep.
-Vec3d moved_by(const CutMesh& mesh, uint32_t v) { return mesh.before.empty() ? Vec3d(Vec3d::Zero()) : Vec3d(mesh.place[v] - mesh.before[v]); }
+Vec3d moved_by(const CutMesh& mesh, uint32_t v) {
+    return mesh.before.empty() ? Vec3d(Vec3d::Zero()) : Vec3d(mesh.place[v] - mesh.before[v]);
+}
 
 // Triangles whose boxes, of all their way, meet that of the sweep.
 std::vector<uint32_t> near_triangles(const EdgeSweep& sweep, const CutMesh& mesh) {
@@ -63,7 +65,8 @@ std::vector<uint32_t> near_triangles(const EdgeSweep& sweep, const CutMesh& mesh
         const auto& c = mesh.triangle[t];
         Vec3d low = mesh.place[c[0]].cwiseMin(mesh.place[c[1]]).cwiseMin(mesh.place[c[2]]);
         Vec3d high = mesh.place[c[0]].cwiseMax(mesh.place[c[1]]).cwiseMax(mesh.place[c[2]]);
-        for (const uint32_t v : c) low = low.cwiseMin(mesh.place[v] - moved_by(mesh, v)), high = high.cwiseMax(mesh.place[v] - moved_by(mesh, v));
+        for (const uint32_t v : c)
+            low = low.cwiseMin(mesh.place[v] - moved_by(mesh, v)), high = high.cwiseMax(mesh.place[v] - moved_by(mesh, v));
         if ((low.array() <= box.max.array()).all() && (high.array() >= box.min.array()).all()) near.push_back(t);
     }
     return near;

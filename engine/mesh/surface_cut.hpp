@@ -43,9 +43,9 @@ struct CutVertex {
 };
 
 struct CutResult {
-    double length = 0;     // m, at rest, of the edges that became slits
+    double length = 0;                            // m, at rest, of the edges that became slits
     std::vector<std::array<uint32_t, 2>> opened;  // edges along which the surface opened, as they are on one side of the cut
-    bool refused = false;  // there was not enough room for all of the cut: nothing was changed
+    bool refused = false;                         // there was not enough room for all of the cut: nothing was changed
 };
 
 // Makes the cut of one sweep. made: one element per new vertex, in their order. Triangles keep their numbers, their

@@ -11,10 +11,10 @@
 namespace trocar {
 namespace {
 
-constexpr double kBoiling = 100;       // degrees Celsius
+constexpr double kBoiling = 100;  // degrees Celsius
 // Below, tissue repairs what heat does (the break of thermal doses: Sapareto, Dewey, Int. J. Radiat. Oncol. 10, 1984).
-constexpr double kRepair = 43;         // degrees Celsius
-constexpr double kGas = 8.314462618;   // J/(mol K)
+constexpr double kRepair = 43;           // degrees Celsius
+constexpr double kGas = 8.314462618;     // J/(mol K)
 constexpr double kZeroCelsius = 273.15;  // K
 
 // Capacities and conductances of a body while they are added up.
@@ -22,9 +22,7 @@ struct HeatSums {
     std::vector<double> volume, area;
     std::map<std::array<uint32_t, 2>, double> conductance;  // of pairs, the lower index first
 
-    void join(uint32_t a, uint32_t b, double conductance_of_pair) {
-        conductance[{std::min(a, b), std::max(a, b)}] += conductance_of_pair;
-    }
+    void join(uint32_t a, uint32_t b, double conductance_of_pair) { conductance[{std::min(a, b), std::max(a, b)}] += conductance_of_pair; }
 };
 
 // -grad phi_i . grad phi_j V k between all corners of a tetrahedron.
@@ -38,8 +36,7 @@ void add_tetrahedron(const std::array<uint32_t, 4>& node, const std::array<Vec3d
     }
     for (int i = 0; i < 4; ++i) {
         sums.volume[node[i]] += 0.25 * std::abs(volume);
-        for (int j = 0; j < i; ++j)
-            sums.join(node[i], node[j], -conductivity * gradient[i].dot(gradient[j]) / (36 * std::abs(volume)));
+        for (int j = 0; j < i; ++j) sums.join(node[i], node[j], -conductivity * gradient[i].dot(gradient[j]) / (36 * std::abs(volume)));
     }
 }
 

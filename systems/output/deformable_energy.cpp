@@ -21,7 +21,8 @@ LinkEnd end_of_link(const EnergyInputs& in, uint32_t body, uint32_t node, const 
         return {poses.origin[body] + arm, poses.velocity[body] + poses.angular_velocity[body].cross(arm)};
     }
     const Particles& p = in.particles;
-    const uint32_t at = in.bodies.particles[body].first + (in.other.solids ? embedded_count(*in.other.solids, in.bodies.mesh[body]) : 0) + node;
+    const uint32_t at =
+        in.bodies.particles[body].first + (in.other.solids ? embedded_count(*in.other.solids, in.bodies.mesh[body]) : 0) + node;
     const Float4& o = p.offset[at];
     return {poses.origin[body] + Vec3d(o.x, o.y, o.z), {p.velocity_x[at], p.velocity_y[at], p.velocity_z[at]}};
 }
@@ -29,7 +30,8 @@ LinkEnd end_of_link(const EnergyInputs& in, uint32_t body, uint32_t node, const 
 // m^2/s^2, of a link; of one without rest length, of its vector.
 double squared_stretch_rate(const EnergyInputs& in, const LinkGroup& g, uint32_t link) {
     const Links& links = *in.other.links;
-    const LinkEnd near = end_of_link(in, g.body, links.node[link], Vec3d::Zero()), far = end_of_link(in, g.holder, links.far_node[link], links.point[link]);
+    const LinkEnd near = end_of_link(in, g.body, links.node[link], Vec3d::Zero()),
+                  far = end_of_link(in, g.holder, links.far_node[link], links.point[link]);
     const Vec3d rate = far.velocity - near.velocity, along = far.place - near.place;
     if (links.rest[link] == 0) return rate.squaredNorm();
     const double length = along.norm();

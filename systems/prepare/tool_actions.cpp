@@ -194,7 +194,8 @@ bool begin_grasp(const ActionPass& pass, uint32_t index, const Vec3d& point, Lin
 
 // Lets go of what a grasp holds.
 void let_grasp_go(const ActionPass& pass, const ToolGrasp& grasp, ActionState& state, Links& links, Sleep& sleep, Energy& energy) {
-    if (is_deformable(pass.world.surfaces.bodies, grasp.body)) free_link_group(links, grasp.group, energy), state.released.push_back(grasp.body);
+    if (is_deformable(pass.world.surfaces.bodies, grasp.body))
+        free_link_group(links, grasp.group, energy), state.released.push_back(grasp.body);
     energy.work_links -= grasp.stored;
     wake_body(sleep, grasp.body);
 }

@@ -9,7 +9,8 @@ namespace trocar {
 namespace {
 
 // Adds the power of an action to the nodes of a body around a point.
-void add_cautery_power(const ActionPass& pass, const ToolAction& action, const HeatBody& body, const Vec3d& point, std::vector<double>& power) {
+void add_cautery_power(const ActionPass& pass, const ToolAction& action, const HeatBody& body, const Vec3d& point,
+                       std::vector<double>& power) {
     const Surfaces& s = pass.world.surfaces;
     const uint32_t first = s.bodies.particles[body.body].first + embedded_count(pass.world.solids, s.bodies.mesh[body.body]);
     const Vec3d local = point - s.poses.origin[body.body];

@@ -153,8 +153,8 @@ TEST(ToolActions, AStapleIsPulledOutAtItsForce) {
         EXPECT_GT(pulled, 12u);
         EXPECT_EQ(rods_before, 3u) << "a crown and two legs";
         EXPECT_EQ(rods_after, 0u);
-        std::printf("bears %.3f N: pulled out at %.4f N (%.2f %%) in pass %llu, balance %.3g, then %.3g, at most %.3g of %.3g J\n", bears, force,
-                    100 * (force / bears - 1), static_cast<unsigned long long>(pulled), before, balance, worst, entered);
+        std::printf("bears %.3f N: pulled out at %.4f N (%.2f %%) in pass %llu, balance %.3g, then %.3g, at most %.3g of %.3g J\n", bears,
+                    force, 100 * (force / bears - 1), static_cast<unsigned long long>(pulled), before, balance, worst, entered);
         EXPECT_LE(force, 1.001 * bears);
         EXPECT_NEAR(force, bears, 0.02 * bears);
         EXPECT_NEAR(freed, bears * bears / 200, 0.02 * bears * bears / 200);

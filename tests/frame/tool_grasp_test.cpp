@@ -18,7 +18,8 @@ name = "cube"
 shape = "box"
 size = 0.01
 motion = "free"
-mass = )" + text_of(mass) + R"(
+mass = )" + text_of(mass) +
+           R"(
 [[body]]
 name = "pen"
 shape = "sphere"
@@ -45,7 +46,8 @@ position = [0.0, 0.0, 0.04]
 kind = "grasp"
 at = [0.0]
 point = [0.0, 0.0, -0.015]
-reach = )" + text_of(reach) + "\nfriction = " + text_of(mu) + "\npress = " + text_of(press) + "\n";
+reach = )" +
+           text_of(reach) + "\nfriction = " + text_of(mu) + "\npress = " + text_of(press) + "\n";
 }
 
 // Two jaws bear 2 mu N: a lighter cube hangs, and is lifted; a heavier one slides with g - 2 mu N / m until it is out of reach, and
@@ -111,9 +113,10 @@ TEST(ToolGrasp, TwoFingersHoldToMuAndSlipBeyond) {
     const auto fallen = [&](double mass, double& felt) {
         const auto finger = [&](const char* name, double sign) {
             const auto at = [&](double x) { return "position = [" + text_of(sign * x) + ", 0.0, 0.0]\n"; };
-            return "[[body]]\nname = \"" + std::string(name) + "\"\nshape = \"sphere\"\nsize = 0.006\ntriangles = 200\nmotion = \"hand\"\n" +
-                   at(0.02) + "[[tool]]\nbody = \"" + name + "\"\ntip_radius = 0.003\nfriction = 0.3\n[[tool.path]]\ntime = 0.0\n" + at(0.02) +
-                   "[[tool.path]]\ntime = 0.4\n" + at(0.0074);
+            return "[[body]]\nname = \"" + std::string(name) +
+                   "\"\nshape = \"sphere\"\nsize = 0.006\ntriangles = 200\nmotion = \"hand\"\n" + at(0.02) + "[[tool]]\nbody = \"" + name +
+                   "\"\ntip_radius = 0.003\nfriction = 0.3\n[[tool.path]]\ntime = 0.0\n" + at(0.02) + "[[tool.path]]\ntime = 0.4\n" +
+                   at(0.0074);
         };
         const std::string text = R"(
 gravity = [0.0, 0.0, -9.81]
@@ -162,13 +165,15 @@ TEST(ToolGrasp, HandOverWithoutAJump) {
     const double mass = 0.03, weight = mass * 9.81;
     const auto hand = [&](const char* name, double sign, const char* at) {
         const std::string place = "position = [" + text_of(sign * 0.02) + ", 0.0, 0.0]\n";
-        return "[[body]]\nname = \"" + std::string(name) + "\"\nshape = \"sphere\"\nsize = 0.002\ntriangles = 100\nmotion = \"hand\"\n" + place +
-               "apart = \"cube\"\n[[tool]]\nbody = \"" + name + "\"\ntip_radius = 0.001\nstiffness = 1000.0\ndamping = 40.0\n[[tool.path]]\ntime = 0.0\n" +
-               place + "[[tool.action]]\nkind = \"grasp\"\nfriction = 0.5\npress = 5.0\npoint = [" + text_of(-sign * 0.015) +
+        return "[[body]]\nname = \"" + std::string(name) + "\"\nshape = \"sphere\"\nsize = 0.002\ntriangles = 100\nmotion = \"hand\"\n" +
+               place + "apart = \"cube\"\n[[tool]]\nbody = \"" + name +
+               "\"\ntip_radius = 0.001\nstiffness = 1000.0\ndamping = 40.0\n[[tool.path]]\ntime = 0.0\n" + place +
+               "[[tool.action]]\nkind = \"grasp\"\nfriction = 0.5\npress = 5.0\npoint = [" + text_of(-sign * 0.015) +
                ", 0.0, 0.0]\nat = " + at + "\n";
     };
-    const std::string text = "gravity = [0.0, 0.0, -9.81]\n[[body]]\nname = \"cube\"\nshape = \"box\"\nsize = 0.01\nmotion = \"free\"\nmass = " +
-                             text_of(mass) + "\n" + hand("left", -1, "[0.0, 0.8]") + hand("right", 1, "[0.5]");
+    const std::string text =
+        "gravity = [0.0, 0.0, -9.81]\n[[body]]\nname = \"cube\"\nshape = \"box\"\nsize = 0.01\nmotion = \"free\"\nmass = " + text_of(mass) +
+        "\n" + hand("left", -1, "[0.0, 0.8]") + hand("right", 1, "[0.5]");
     double most_of_one = 0, most_of_both = 0, least_of_both = 10, last = 0;
     run(WrittenScene("hand_over", text).build().world, 90, [&](Frame& frame, int pass) {
         const World& w = frame.world();
@@ -184,7 +189,8 @@ TEST(ToolGrasp, HandOverWithoutAJump) {
         most_of_both = std::max(most_of_both, sum.z()), least_of_both = std::min(least_of_both, sum.z());
         EXPECT_EQ(w.action_state.progress[0].slips + w.action_state.progress[1].slips, 0u);
     });
-    std::printf("weight %.4f N: a hand at most %.4f, both %.4f to %.4f, then %.4f N\n", weight, most_of_one, least_of_both, most_of_both, last);
+    std::printf("weight %.4f N: a hand at most %.4f, both %.4f to %.4f, then %.4f N\n", weight, most_of_one, least_of_both, most_of_both,
+                last);
     EXPECT_LT(most_of_one, 1.05 * weight);
     EXPECT_LT(most_of_both, 1.05 * weight);
     EXPECT_NEAR(last, weight, 0.01 * weight);

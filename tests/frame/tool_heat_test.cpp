@@ -93,13 +93,11 @@ std::array<double, 2> compare(World& w, double seconds, int steps, const Exact& 
 TEST(ToolHeat, APointSourceHasItsClosedForm) {
     constexpr double k = 0.5, c = 3.6e6, power = 0.01, t = 600;
     World w = solid_world("conductivity = 0.5\nspecific_heat = 3600.0\nperfusion = 0.0");
-    const auto grows = compare(w, t, 300, [&](double r) {
-        return power / (4 * std::numbers::pi * k * r) * std::erfc(r / std::sqrt(4 * k / c * t));
-    });
+    const auto grows =
+        compare(w, t, 300, [&](double r) { return power / (4 * std::numbers::pi * k * r) * std::erfc(r / std::sqrt(4 * k / c * t)); });
     World blood = solid_world("conductivity = 0.5\nspecific_heat = 3600.0\nperfusion = 1e-3");
-    const auto rests = compare(blood, 3000, 1500, [&](double r) {
-        return power / (4 * std::numbers::pi * k * r) * std::exp(-r * std::sqrt(1e-3 * 4.18e6 / k));
-    });
+    const auto rests = compare(
+        blood, 3000, 1500, [&](double r) { return power / (4 * std::numbers::pi * k * r) * std::exp(-r * std::sqrt(1e-3 * 4.18e6 / k)); });
     std::printf("erfc: mean %.4f, at most %.4f; with blood: mean %.4f, at most %.4f; explicit limit %.2f s\n", grows[0], grows[1], rests[0],
                 rests[1], w.actions.heat_body[0].stable_dt);
     EXPECT_LT(std::abs(grows[0]), 0.02);

@@ -31,7 +31,7 @@ struct AdvanceBody {
     SpringStep step;
     float* velocity_before = nullptr;  // m/s, 3 fields: memory to account for a change of the step; null if nothing is to be accounted
     double changed_step = 0;           // J, that leapfrog gained when the step changed in this substep
-    double* damping_work = nullptr;  // J, 16 lanes to which a step adds the work of damping; null if energy is not accounted
+    double* damping_work = nullptr;    // J, 16 lanes to which a step adds the work of damping; null if energy is not accounted
 
     // Positions and velocities belong to the same time; else velocities are half a substep behind.
     bool synchronous() const { return stepping.integrator == Integrator::kBackwardEuler; }
@@ -135,14 +135,14 @@ struct IslandLinks {
 
 // A grasp of a free rigid body during a substep: see grasped_bodies.hpp. World axes.
 struct AdvanceGrasp {
-    uint32_t index = 0;                         // of ActionState::grasp
-    uint32_t tool = kNone, body = kNone;        // index in AdvanceIsland::rigid
-    Vec3d point = Vec3d::Zero();                // m, frame of the tool's body
-    Vec3d at = Vec3d::Zero();                   // m, of the held point, and from the centres
+    uint32_t index = 0;                   // of ActionState::grasp
+    uint32_t tool = kNone, body = kNone;  // index in AdvanceIsland::rigid
+    Vec3d point = Vec3d::Zero();          // m, frame of the tool's body
+    Vec3d at = Vec3d::Zero();             // m, of the held point, and from the centres
     Vec3d tool_arm = Vec3d::Zero(), body_arm = Vec3d::Zero();
-    Vec3d stretch = Vec3d::Zero(), turn = Vec3d::Zero();  // m, rad, from the body to where the jaws hold it
-    double soft = 0, turn_soft = 0;                       // 1/kg, 1/(kg m^2)
-    Vec3d pull = Vec3d::Zero(), twist = Vec3d::Zero();    // m/s, rad/s, that the springs ask for
+    Vec3d stretch = Vec3d::Zero(), turn = Vec3d::Zero();                                // m, rad, from the body to where the jaws hold it
+    double soft = 0, turn_soft = 0;                                                     // 1/kg, 1/(kg m^2)
+    Vec3d pull = Vec3d::Zero(), twist = Vec3d::Zero();                                  // m/s, rad/s, that the springs ask for
     Eigen::Matrix3d mass = Eigen::Matrix3d::Zero(), inertia = Eigen::Matrix3d::Zero();  // kg, kg m^2
     Vec3d impulse = Vec3d::Zero(), moment = Vec3d::Zero();                              // N s, N m s, on the body
     // before the impulses, rad/s and m/s

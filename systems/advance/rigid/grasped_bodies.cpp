@@ -121,7 +121,8 @@ void sweep_grasp(const AdvanceCall& call, const ToolAction& action, AdvanceIslan
     const Vec3d moment =
         grasp_change_within(g.inertia * (turning + g.twist - g.turn_soft * g.moment), call.dt * most_torque(action), g.moment);
     give_grasp(island, g.body, g.body_arm, Vec3d::Zero(), moment), give_grasp(island, g.tool, g.tool_arm, Vec3d::Zero(), -moment);
-    const Vec3d moving = grasp_velocity_at(island, g.tool, g.point, g.tool_arm) - grasp_velocity_at(island, g.body, Vec3d::Zero(), g.body_arm);
+    const Vec3d moving =
+        grasp_velocity_at(island, g.tool, g.point, g.tool_arm) - grasp_velocity_at(island, g.body, Vec3d::Zero(), g.body_arm);
     const Vec3d impulse = grasp_change_within(g.mass * (moving + g.pull - g.soft * g.impulse), call.dt * most_force(action), g.impulse);
     give_grasp(island, g.body, g.body_arm, impulse, Vec3d::Zero()), give_grasp(island, g.tool, g.tool_arm, -impulse, Vec3d::Zero());
 }

@@ -111,7 +111,8 @@ ActionFigures action_figures(const World& w) {
     }
     for (const ToolGrasp& grasp : w.action_state.grasp) a.grip = std::max(a.grip, grasp.largest_force);
     for (const HeatBody& body : w.actions.heat_body)
-        for (uint32_t v = body.nodes.first; v < body.nodes.end(); ++v) a.hottest = std::max(a.hottest, body.blood + w.action_state.heat.rise[v]);
+        for (uint32_t v = body.nodes.first; v < body.nodes.end(); ++v)
+            a.hottest = std::max(a.hottest, body.blood + w.action_state.heat.rise[v]);
     for (const ToolStaple& staple : w.action_state.staple) {
         const uint32_t group = find_link_group(w.links, staple.group);
         if (group != kNone) a.pull = std::max(a.pull, w.links.group[group].largest_force);
