@@ -10,8 +10,10 @@
 namespace trocar {
 
 enum class ActionKind : uint8_t {
-    kStaple,  // joins the two nearest surfaces at its point
-    kCut,     // parts the surfaces that its edge sweeps through
+    kStaple,     // joins the two nearest surfaces at its point
+    kCut,        // parts the surfaces that its edge sweeps through
+    kGrasp,      // holds what lies at its point: nodes of deformable bodies by links, free rigid bodies by friction
+    kCauterise,  // heats the tissue at its point
 };
 
 enum class ActionTrigger : uint8_t {
@@ -41,8 +43,16 @@ struct ToolAction {
     uint32_t magazine = 20;                                     // staples that there are
     // cuts
     double toughness = 0;  // J/m^2, work per area of the new surface, Gc
+    // grasps; reach and stiffness as of staples
+    double press_force = 0;  // N, with which each of two jaws presses what lies between them
+    double friction = 0;     // of the jaws: they bear 2 friction press_force, then what they hold slips
+    double pad = 0;          // m, radius of the pad of a jaw: both bear a torque of 4/3 friction press_force pad
+    // cautery
+    double power = 0;  // W, into the tissue
+    double spot = 0;   // m, standard deviation of the Gaussian spot that it heats
     TROCAR_FIELDS(tool, "index of tools", kind, when, buttons, grip, "rad", force, "N", times, "range of action times", point, "m", edge,
-                  "m", reach, "m", press, "N", stiffness, "N/m", pull_out, "N", magazine, toughness, "J/m^2");
+                  "m", reach, "m", press, "N", stiffness, "N/m", pull_out, "N", magazine, toughness, "J/m^2", press_force, "N", friction,
+                  pad, "m", power, "W", spot, "m");
 };
 
 // A shell or sheet that instruments may cut; its prototype is not shared, and has elements reserved at load.
@@ -60,13 +70,42 @@ struct CutBody {
                   thickness, "m", edge, "m", lightest, "1/m^2", whole);
 };
 
+// A deformable body that instruments may heat. Temperatures are those of its nodes: the vertices of a shell or sheet,
+// all nodes of a solid.
+struct HeatBody {
+    uint32_t body = kNone;
+    Range nodes;               // of HeatState's arrays and of Actions::heat_volume
+    Range edges;               // of Actions::heat_edge
+    double per_volume = 0;     // J/(m^3 K), density times specific heat
+    double perfusion = 0;      // W/(m^3 K), blood flow times its density and specific heat
+    double metabolism = 0;     // W/m^3
+    double blood = 37;         // degrees Celsius, of the arteries
+    double damage_rate = 0;    // 1/s, of the Arrhenius integral
+    double damage_energy = 0;  // J/mol, likewise
+    double stable_dt = 0;      // s, of explicit diffusion
+    TROCAR_FIELDS(body, "index of bodies", nodes, "range of heated nodes", edges, "range of heat edges", per_volume, "J/(m^3 K)", perfusion,
+                  "W/(m^3 K)", metabolism, "W/m^3", blood, "C", damage_rate, "1/s", damage_energy, "J/mol", stable_dt, "s");
+};
+
+// Two nodes of a heated body between which heat flows.
+struct HeatEdge {
+    uint32_t a = 0, b = 0;   // of HeatBody::nodes
+    double conductance = 0;  // W/K
+    TROCAR_FIELDS(a, b, conductance, "W/K");
+};
+
 // Constant after load.
 struct Actions {
     std::vector<ToolAction> action;
     std::vector<double> time;                   // s, ascending within an action
     std::vector<CutBody> cut_body;              // ascending by body
     std::vector<std::array<uint32_t, 2>> cuts;  // index into action, index into cut_body: what each edge cuts
-    TROCAR_FIELDS(action, time, "s", cut_body, cuts);
+    std::vector<HeatBody> heat_body;            // ascending by body
+    std::vector<double> heat_volume;            // m^3, of the tissue at a node, at rest
+    std::vector<double> heat_area;              // m^2, of the surface at a node, at rest; 0 inside
+    std::vector<HeatEdge> heat_edge;
+    std::vector<std::array<uint32_t, 2>> heats;  // index into action, index into heat_body: what each tip heats
+    TROCAR_FIELDS(action, time, "s", cut_body, cuts, heat_body, heat_volume, "m^3", heat_area, "m^2", heat_edge, heats);
 };
 
 // What one action has done so far.
@@ -81,12 +120,15 @@ struct ActionProgress {
     double area = 0;             // m^2, of the new surface on one side
     double work = 0;             // J, that it took
     double owed = 0;             // J, of it that the tool's motion has not given yet
+    uint64_t slips = 0;          // grasps that let go of what they held, because it was pulled too hard
+    double heat = 0;             // J, that cautery gave to tissue
+    double burnt = 0;            // m^2, of surface that it coagulated
     bool stroke = false;         // something was cut since the trigger was pulled
     bool swept = false;          // the edge was moved in the last pass, from
     Vec3d from = Vec3d::Zero();  // m, world: point
     Vec3d from_edge = Vec3d::Zero();
-    TROCAR_FIELDS(on, next, done, misfires, pulled_out, largest_force, "N", refused, area, "m^2", work, "J", owed, "J", stroke, swept, from,
-                  "m", from_edge, "m");
+    TROCAR_FIELDS(on, next, done, misfires, pulled_out, largest_force, "N", refused, area, "m^2", work, "J", owed, "J", slips, heat, "J",
+                  burnt, "m^2", stroke, swept, from, "m", from_edge, "m");
 };
 
 // A staple that an action set.
@@ -95,6 +137,48 @@ struct ToolStaple {
     Entity group;           // of links
     Vec3d across{1, 0, 0};  // unit, world, of its crown when it was set
     TROCAR_FIELDS(action, "index of actions", group, across);
+};
+
+// What an action holds: a deformable body by links or a free rigid body by the friction of two jaws.
+struct ToolGrasp {
+    uint32_t action = 0;
+    uint32_t body = kNone;
+    Entity group;  // of links, of a deformable body
+    // of a rigid body
+    Vec3d point = Vec3d::Zero();    // m, frame of the tool's body: where the jaws hold it
+    Vec3d arm = Vec3d::Zero();      // m, frame of the body: point that they hold
+    Quat turn;                      // frame of the body to that of the tool's body, in which the jaws hold it
+    Vec3d impulse = Vec3d::Zero();  // N s, on the body, summed over the pass
+    Vec3d moment = Vec3d::Zero();   // N m s, about the point
+    double stored = 0;              // J, in the pads
+    double slipped = 0;             // m, way of the body between the jaws so far
+    double turned = 0;              // rad, likewise
+    double largest_force = 0;       // N, mean over a pass, so far
+    TROCAR_FIELDS(action, "index of actions", body, "index of bodies", group, point, "m", arm, "m", turn, impulse, "N s", moment, "N m s",
+                  stored, "J", slipped, "m", turned, "rad", largest_force, "N");
+};
+
+// Of the nodes of heated bodies.
+struct HeatState {
+    std::vector<double> rise;    // K, above the temperature of blood
+    std::vector<double> damage;  // Arrhenius integral: 1 = 63 % of the proteins denatured, coagulated
+    std::vector<double> steam;   // J, that boiled water away
+    TROCAR_FIELDS(rise, "K", damage, steam, "J");
+};
+
+// An edge of a surface along which a cut has opened it.
+struct OpenedEdge {
+    uint32_t body = kNone;  // that was cut
+    uint32_t a = 0, b = 0;  // its vertices
+    uint32_t action = 0;
+    TROCAR_FIELDS(body, "index of bodies", a, b, action, "index of actions");
+};
+// A node that coagulated.
+struct BurntNode {
+    uint32_t body = kNone;
+    uint32_t node = 0;
+    uint32_t action = 0;
+    TROCAR_FIELDS(body, "index of bodies", node, action, "index of actions");
 };
 
 // Present surfaces of the bodies that may be cut, in the frames of their prototypes at rest. Elements beyond the counts are unused.
@@ -109,14 +193,20 @@ struct CutSurfaces {
     std::vector<std::array<uint32_t, 3>> slit;
     // Vertices at which a cut may go on: index into cut_body, vertex, index into action.
     std::vector<std::array<uint32_t, 3>> front;
-    TROCAR_FIELDS(count, position, "m", goal, "m", triangle, uv, material, slit, front);
+    std::vector<Vec3d> before;  // m, world, at the last pass, of bodies that a tool with a pulled trigger may cut
+    TROCAR_FIELDS(count, position, "m", goal, "m", triangle, uv, material, slit, front, before, "m");
 };
 
 struct ActionState {
     std::vector<ActionProgress> progress;  // one per action
     std::vector<ToolStaple> staple;        // in the order in which they were set
     CutSurfaces cut;
-    TROCAR_FIELDS(progress, staple, cut);
+    std::vector<ToolGrasp> grasp;  // in the order in which they began
+    HeatState heat;
+    std::vector<OpenedEdge> opened;  // in this pass
+    std::vector<BurntNode> burnt;    // in this pass
+    std::vector<uint32_t> released;  // bodies whose links an instrument has let go of in this pass
+    TROCAR_FIELDS(progress, staple, cut, grasp, heat, opened, burnt, released);
 };
 
 }  // namespace trocar

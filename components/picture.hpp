@@ -32,7 +32,8 @@ struct PictureBody {
     Range depths;    // range of contact_depth, one per vertex; empty without contact
     Range removed;   // range of removed
     Range exposed;   // range of exposed
-    TROCAR_FIELDS(mesh, origin, "m", orientation, motion, box, "m", vertices, depths, removed, exposed);
+    Range burnt;     // range of burnt, one per vertex; empty where nothing coagulated
+    TROCAR_FIELDS(mesh, origin, "m", orientation, motion, box, "m", vertices, depths, removed, exposed, burnt);
 };
 
 // The deepest point of one overlapping pair.
@@ -84,10 +85,11 @@ struct PictureSnapshot {
     std::vector<PictureTool> tool;
     std::vector<PicturePoint> point;
     std::vector<PictureRod> rod;  // staples
+    std::vector<float> burnt;     // fraction of the tissue that coagulated, 0..1
     double depth = 0;  // m, deepest penetration; 0 when nothing overlaps
     double force = 0;  // N, largest force commanded to a hand
-    TROCAR_FIELDS(number, time, "s", body, position, "m", normal, contact_depth, "m", removed, exposed, witness, tool, point, rod, depth, "m",
-                  force, "N");
+    TROCAR_FIELDS(number, time, "s", body, position, "m", normal, contact_depth, "m", removed, exposed, witness, tool, point, rod, burnt, depth,
+                  "m", force, "N");
 };
 
 enum class CameraKind : uint8_t {

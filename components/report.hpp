@@ -22,9 +22,10 @@ struct Energy {
     double work_push = 0;     // of position correction
     double work_numeric = 0;  // lost by implicit steps, and energy of bodies when they fell asleep or were removed
     double work_links = 0;    // energy of links and springs when made, less that of links, springs and removed tissue at their removal
+    double work_cuts = 0;     // of hands on the new surfaces of cuts, toughness times area, <= 0
     double balance = 0;       // the sum above minus its initial value
     TROCAR_FIELDS(kinetic, "J", elastic, "J", pressure, "J", bending, "J", links, "J", gravity, "J", work_hand, "J", work_contact, "J",
-                  work_damping, "J", work_push, "J", work_numeric, "J", work_links, "J", balance, "J");
+                  work_damping, "J", work_push, "J", work_numeric, "J", work_links, "J", work_cuts, "J", balance, "J");
 };
 
 // Reference of Energy::balance.

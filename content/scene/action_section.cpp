@@ -4,16 +4,17 @@
 namespace trocar {
 namespace {
 
-// Kinds that are named here are known, but nothing does them.
 ActionKind read_kind(TomlSection& section) {
     std::string kind;
     section.read("kind", kind);
     if (kind == "staple") return ActionKind::kStaple;
     if (kind == "cut") return ActionKind::kCut;
-    const bool unfinished = kind == "grasp" || kind == "cauterise" || kind == "suture";
-    section.fail(kind.empty() ? "a [[tool.action]] needs a kind: staple, cut"
-                 : unfinished ? "kind \"" + kind + "\" is not there yet; there are staple, cut"
-                              : "kind \"" + kind + "\" is none of staple, cut");
+    if (kind == "grasp") return ActionKind::kGrasp;
+    if (kind == "cauterise") return ActionKind::kCauterise;
+    const std::string kinds = "staple, cut, grasp, cauterise";
+    section.fail(kind.empty()       ? "a [[tool.action]] needs a kind: " + kinds
+                 : kind == "suture" ? "kind \"" + kind + "\" is not there yet; there are " + kinds
+                                    : "kind \"" + kind + "\" is none of " + kinds);
 }
 
 // An ascending list of times, s.
@@ -69,6 +70,26 @@ void read_cut_action(TomlSection& section, ActionSpec& spec) {
     spec.action.edge = edge;
 }
 
+void read_grasp_action(TomlSection& section, ToolAction& action) {
+    section.read("reach", action.reach, 1e-9, 1e3);
+    section.read("press", action.press_force, 1e-9, 1e6);
+    section.read("friction", action.friction, 1e-9, 1e6);
+    section.read("pad", action.pad, 1e-9, 1e3);
+    section.read("stiffness", action.stiffness, 1e-9, 1e12);
+    if (action.press_force == 0) section.fail("a grasp needs press: with what each of two jaws presses what it holds (N)");
+    if (action.friction == 0) section.fail("a grasp needs friction: of the jaws, which bear 2 friction press");
+}
+
+void read_cautery_action(TomlSection& section, ActionSpec& spec) {
+    ToolAction& action = spec.action;
+    section.read("reach", action.reach, 1e-9, 1e3);
+    section.read("power", action.power, 1e-9, 1e6);
+    section.read("spot", action.spot, 1e-9, 1e3);
+    section.read("bodies", spec.bodies);
+    if (action.power == 0) section.fail("a cautery needs power: what goes into the tissue (W)");
+    if (spec.bodies.empty()) section.fail("a cautery needs bodies: names of the deformable bodies that it heats");
+}
+
 }  // namespace
 
 ActionSpec read_action(TomlSection section) {
@@ -80,10 +101,22 @@ ActionSpec read_action(TomlSection section) {
     section.read("point", point);
     spec.point_given = point.allFinite();
     if (spec.point_given) spec.action.point = point;
-    if (spec.action.kind == ActionKind::kStaple)
-        read_staple_action(section, spec.action);
-    else
-        read_cut_action(section, spec);
+    switch (spec.action.kind) {
+        case ActionKind::kStaple:
+            read_staple_action(section, spec.action);
+            break;
+        case ActionKind::kCut:
+            read_cut_action(section, spec);
+            break;
+        case ActionKind::kGrasp:
+            spec.action.reach = 2e-3, spec.action.pad = 1.5e-3;
+            read_grasp_action(section, spec.action);
+            break;
+        case ActionKind::kCauterise:
+            spec.action.reach = 2e-3, spec.action.spot = 1e-3;
+            read_cautery_action(section, spec);
+            break;
+    }
     section.refuse_unknown();
     return spec;
 }

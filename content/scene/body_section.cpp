@@ -18,6 +18,19 @@ void choose_preset(TomlSection& section, std::string_view key, bool solid, Tissu
     if (solid) t.pressure_modulus = t.bending = 0;
 }
 
+// Blood's flow per volume of tissue (1/s), as tables give it.
+HeatTissue read_heat(TomlSection section, HeatTissue heat) {
+    constexpr double kBlood = 1000 * 4180.0;  // J/(m^3 K), as of HeatTissue
+    double flow = heat.perfusion / kBlood;
+    section.read("conductivity", heat.conductivity, 1e-9, 1e6);
+    section.read("specific_heat", heat.specific_heat, 1e-3, 1e9);
+    section.read("perfusion", flow, 0, 1e3);
+    section.read("metabolism", heat.metabolism, 0, 1e9);
+    heat.perfusion = flow * kBlood;
+    section.refuse_unknown();
+    return heat;
+}
+
 Tissue read_tissue(TomlSection section, bool solid, Tissue t) {
     choose_preset(section, "preset", solid, t);
     section.read("youngs_modulus", t.youngs_modulus, 1, 1e12);
@@ -217,6 +230,7 @@ BodySpec read_body(TomlSection section) {
     section.read("break_strain", body.break_strain, 1e-9, 1e12);
     section.read_count("cut_capacity", body.cut_capacity, 0, 1e6);
     section.read_list("group", body.groups, read_group);
+    section.read_table("heat", body.heat, [&](TomlSection inner) { return read_heat(inner, body.heat); });
     section.read_list("region", body.regions, read_tissue_region);
     section.read_table("haptic", body.haptic, [&](TomlSection inner) { return read_surface(inner, body.motion); });
     section.read_table("scatter", body.scatter, read_scatter);

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "content/scene/find_body.hpp"
+#include "engine/tissue/heat.hpp"
 #include "engine/tissue/links.hpp"
 namespace trocar {
 namespace {
@@ -16,6 +17,23 @@ uint32_t tool_row_of(const SceneFile& scene, const ToolSpec& spec, const World& 
     return find_of_body(world.haptics.tool, find_body(scene, spec.line, world, spec.body));
 }
 
+// Index of a body in heat_body; it is added if it is new.
+uint32_t heat_body(const SceneFile& scene, const ActionSpec& spec, uint32_t body, World& world) {
+    const std::string where = "a cautery: body \"" + world.bodies.name[body] + "\" ";
+    if (!is_deformable(world.bodies, body)) refuse(scene, spec.line, where + "must be deformable");
+    if (find_of_body(world.actions.cut_body, body) != kNone || find_of_body(world.tears.body, body) != kNone)
+        refuse(scene, spec.line, where + "may be cut or tear: its nodes would change");
+    const uint32_t known = find_of_body(world.actions.heat_body, body);
+    if (known != kNone) return known;
+    const auto of =
+        std::find_if(scene.bodies.begin(), scene.bodies.end(), [&](const BodySpec& b) { return b.name == world.bodies.name[body]; });
+    const HeatTissue heat = of == scene.bodies.end() ? HeatTissue{} : of->heat;
+    const Tissue& tissue = world.bodies.tissue[body];
+    const double wall = world.bodies.thickness[body] > 0 ? world.bodies.thickness[body] : tissue.wall;
+    add_heat_body(heat, tissue.density, wall, body, world.bodies, world.meshes, world.solids, world.actions, world.action_state.heat);
+    return static_cast<uint32_t>(world.actions.heat_body.size() - 1);
+}
+
 void add_action(const SceneFile& scene, const ActionSpec& spec, uint32_t tool, World& world) {
     Actions& actions = world.actions;
     ToolAction action = spec.action;
@@ -23,12 +41,21 @@ void add_action(const SceneFile& scene, const ActionSpec& spec, uint32_t tool, W
     if (!spec.point_given) action.point = world.haptics.tool[tool].tip;
     action.times = {static_cast<uint32_t>(actions.time.size()), static_cast<uint32_t>(spec.at.size())};
     actions.time.insert(actions.time.end(), spec.at.begin(), spec.at.end());
+    const uint32_t index = static_cast<uint32_t>(actions.action.size());
+    const std::string kind = action.kind == ActionKind::kCut ? "a cut: " : "a cautery: ";
     for (const std::string& name : spec.bodies) {
-        const uint32_t body = find_body(scene, spec.line, world, name, "a cut: ");
+        const uint32_t body = find_body(scene, spec.line, world, name, kind);
+        if (action.kind == ActionKind::kCauterise) {
+            actions.heats.push_back({index, heat_body(scene, spec, body, world)});
+            continue;
+        }
         const uint32_t cut = find_of_body(actions.cut_body, body);
         if (cut == kNone) refuse(scene, spec.line, "a cut: body \"" + name + "\" must be deformable");
-        actions.cuts.push_back({static_cast<uint32_t>(actions.action.size()), cut});
+        actions.cuts.push_back({index, cut});
     }
+    // pads that give a tenth of a millimetre before what they hold slips: the teeth of a grasper are of that size
+    constexpr double kGive = 1e-4;  // m
+    if (action.kind == ActionKind::kGrasp && action.stiffness == 0) action.stiffness = 2 * action.friction * action.press_force / kGive;
     actions.action.push_back(action);
     world.action_state.progress.emplace_back();
 }
@@ -37,21 +64,26 @@ void add_action(const SceneFile& scene, const ActionSpec& spec, uint32_t tool, W
 
 bool is_cut_by_tools(const SceneFile& scene, const std::string& body) {
     return std::any_of(scene.tools.begin(), scene.tools.end(), [&](const ToolSpec& tool) {
-        return std::any_of(tool.actions.begin(), tool.actions.end(), [&](const ActionSpec& spec) { return names(spec, body); });
+        return std::any_of(tool.actions.begin(), tool.actions.end(),
+                           [&](const ActionSpec& spec) { return spec.action.kind == ActionKind::kCut && names(spec, body); });
     });
 }
 
 void add_scene_actions(const SceneFile& scene, World& world) {
-    uint32_t staples = 0;
+    uint32_t staples = 0, grasps = 0;
     for (const ToolSpec& spec : scene.tools) {
         for (const ActionSpec& action : spec.actions) {
             add_action(scene, action, tool_row_of(scene, spec, world), world);
             if (action.action.kind == ActionKind::kStaple) staples += action.action.magazine;
+            if (action.action.kind == ActionKind::kGrasp) ++grasps;
         }
     }
-    if (staples == 0) return;
-    reserve_links(world.links, world.links.node.capacity() + staples, staples);
-    world.action_state.staple.reserve(staples);
+    world.action_state.burnt.reserve(world.actions.heat_volume.size());
+    if (staples + grasps == 0) return;
+    // a grasp: links of 64 nodes of each of two bodies, such as two sheets (tool_actions.cpp)
+    reserve_links(world.links, world.links.node.capacity() + staples + 128 * grasps, staples + 2 * grasps);
+    world.action_state.staple.reserve(staples), world.action_state.grasp.reserve(4 * grasps);
+    world.action_state.released.reserve(4 * grasps + 2 * staples);
 }
 
 }  // namespace trocar

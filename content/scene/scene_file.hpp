@@ -17,6 +17,7 @@
 #include "content/scene/attach_spec.hpp"
 #include "content/scene/node_spec.hpp"
 #include "content/scene/scatter.hpp"
+#include "engine/tissue/heat.hpp"
 namespace trocar {
 
 // One [[body]] of a scene file.
@@ -56,6 +57,7 @@ struct BodySpec {
     std::vector<std::string> apart;                                 // bodies excluded from collision
     std::array<float, 3> color{-1, -1, -1};                         // overrides the material's diffuse colour
     double break_strain = std::numeric_limits<double>::infinity();  // springs break above this strain
+    HeatTissue heat;                                                // where instruments cauterise it
     uint32_t cut_capacity = 0;                                      // triangles that cuts may add; 0 = as many as there are
     std::vector<GroupSpec> groups;
     std::vector<TissueRegionSpec> regions;
@@ -77,7 +79,7 @@ struct ActionSpec {
     ToolAction action;                // its tool and times are set when it is built
     bool point_given = false;         // false: the tool's tip
     std::vector<double> at;           // s
-    std::vector<std::string> bodies;  // that a cut parts
+    std::vector<std::string> bodies;  // that a cut parts or cautery heats
 };
 
 // One [[tool]]: a device that drives a hand body.

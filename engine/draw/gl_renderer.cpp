@@ -43,7 +43,7 @@ struct BodyBuffers {
 };
 
 // Options constant in a draw call; each combination is a separate program, see gl_shaders.hpp.
-constexpr uint32_t kTextured = 1, kDepthColours = 2, kScope = 4, kOutline = 8, kVariants = 16;
+constexpr uint32_t kTextured = 1, kDepthColours = 2, kScope = 4, kOutline = 8, kBurnt = 16, kVariants = 32;
 uint32_t variant_of(bool textured, bool depth_colours, bool scope) {
     return (textured ? kTextured : 0) | (depth_colours ? kDepthColours : 0) | (scope ? kScope : 0);
 }
@@ -89,11 +89,12 @@ struct MarkerBuffers {
 };
 
 GLuint compile(GLenum kind, uint32_t variant, const char* text) {
-    const std::array<const char*, 7> parts = {shaders::kVersion,
+    const std::array<const char*, 8> parts = {shaders::kVersion,
                                               variant & kTextured ? "#define TEXTURED\n" : "",
                                               variant & kDepthColours ? "#define DEPTH_COLOURS\n" : "",
                                               variant & kScope ? "#define SCOPE\n" : "",
                                               variant & kOutline ? "#define OUTLINE\n" : "",
+                                              variant & kBurnt ? "#define BURNT\n" : "",
                                               kind == GL_FRAGMENT_SHADER ? shaders::kMask : "",
                                               text};
     const GLuint shader = glCreateShader(kind);
@@ -340,7 +341,8 @@ struct GlRenderer::Impl {
     void upload_shape(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires);
     void upload_patched(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires);
     void upload_grown(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires);
-    void upload_depths(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from);
+    // One number per vertex: depth of contact, or how much of the tissue coagulated.
+    void upload_scalars(BodyBuffers& buffers, const std::vector<float>& all, const Range& of_body, uint32_t mesh);
     const Program& use_surface_program(uint32_t variant, const PictureParams& params, const View& view);
     void set_pose(const Program& p, const View& view, const Matrix4& pose);
     void set_material(const Program& p, const Material& material, GLuint image);
@@ -516,14 +518,14 @@ void GlRenderer::Impl::upload_grown(BodyBuffers& buffers, const PictureSnapshot&
     glBindVertexArray(0);
 }
 
-void GlRenderer::Impl::upload_depths(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from) {
+void GlRenderer::Impl::upload_scalars(BodyBuffers& buffers, const std::vector<float>& all, const Range& of_body, uint32_t mesh) {
     glBindVertexArray(buffers.array);
-    if (from.depths.count == 0 || buffers.grown) {
+    if (of_body.count == 0 || buffers.grown) {
         glDisableVertexAttribArray(kDepth);
         return;
     }
-    const std::vector<uint32_t>& source = static_mesh(from.mesh, buffers.rigid).mesh.source;
-    const float* depth = snapshot.contact_depth.data() + from.depths.first;
+    const std::vector<uint32_t>& source = static_mesh(mesh, buffers.rigid).mesh.source;
+    const float* depth = all.data() + of_body.first;
     stream<float>(buffers.depth, source.size(), [&](float* row) {
         for (size_t i = 0; i < source.size(); ++i) row[i] = depth[source[i]];
     });
@@ -541,7 +543,10 @@ void GlRenderer::Impl::upload(const PictureSnapshot& snapshot, const PicturePara
         if (buffers.mesh != from.mesh || buffers.rigid != is_rigid) make_body(buffers, from.mesh, is_rigid);
         if (static_mesh(from.mesh, is_rigid).mesh.index.empty()) continue;
         if (!is_rigid) upload_shape(buffers, snapshot, from, params.wireframe);
-        if (params.depth_colours) upload_depths(buffers, snapshot, from);
+        if (params.depth_colours)
+            upload_scalars(buffers, snapshot.contact_depth, from.depths, from.mesh);
+        else if (from.burnt.count > 0)
+            upload_scalars(buffers, snapshot.burnt, from.burnt, from.mesh);
     }
     glBindVertexArray(0);
 }
@@ -669,7 +674,8 @@ void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, 
         const Material& material = known ? meshes.material[materials.first + group.material] : plain;
         const GLuint image = known ? texture[materials.first + group.material] : 0;
         if (group.count == 0 || (known && see_through[materials.first + group.material]) == opaque) continue;
-        const uint32_t variant = variant_of(image != 0, params.depth_colours, view.light_at_eye);
+        const bool burnt = from.burnt.count > 0 && !params.depth_colours;
+        const uint32_t variant = variant_of(image != 0, params.depth_colours, view.light_at_eye) | (burnt ? kBurnt : 0);
         if (bound.variant != variant) {
             bound = {variant, nullptr};
             use_surface_program(variant, params, view);

@@ -37,6 +37,9 @@ out vec2 texture_uv;
 #ifdef DEPTH_COLOURS
 out float contact_depth;
 #endif
+#ifdef BURNT
+out float burnt;
+#endif
 void main() {
     outward = normal_from_body * normal;
 #ifdef TEXTURED
@@ -44,6 +47,9 @@ void main() {
 #endif
 #ifdef DEPTH_COLOURS
     contact_depth = depth;
+#endif
+#ifdef BURNT
+    burnt = depth;
 #endif
     gl_Position = clip_from_body * vec4(position, 1.0);
 }
@@ -59,6 +65,9 @@ uniform sampler2D image;
 in float contact_depth;
 uniform float inv_depth_scale;
 uniform sampler2D palette;
+#endif
+#ifdef BURNT
+in float burnt;
 #endif
 uniform vec3 diffuse, specular;
 uniform float shine, opacity;
@@ -122,6 +131,9 @@ void main() {
     float t = clamp(contact_depth * inv_depth_scale, 0.0, 1.0);
     vec3 calm = vec3(0.15, 0.165, 0.18) + 0.3 * sqrt(grey);
     base = mix(calm, texture(palette, vec2(t * 0.99609375 + 0.001953125, 0.5)).rgb, clamp(t * 40.0, 0.0, 1.0));
+#endif
+#ifdef BURNT
+    base = mix(base, vec3(0.62, 0.55, 0.44), burnt);  // coagulated: whitish, the colour of cooked liver
 #endif
 #ifdef OUTLINE
     cover *= smoothstep(0.45, 0.75, 1.0 - dot(n, to_eye));

@@ -52,21 +52,28 @@ Box box_of_sweep(const EdgeSweep& s) {
     return box;
 }
 
-// Triangles whose boxes meet that of the sweep.
+// m, by which a vertex has moved during the sweep.
+Vec3d moved_by(const CutMesh& mesh, uint32_t v) {
+    return mesh.before.empty() ? Vec3d(Vec3d::Zero()) : Vec3d(mesh.place[v] - mesh.before[v]);
+}
+
+// Triangles whose boxes, of all their way, meet that of the sweep.
 std::vector<uint32_t> near_triangles(const EdgeSweep& sweep, const CutMesh& mesh) {
     const Box box = box_of_sweep(sweep);
     std::vector<uint32_t> near;
     for (uint32_t t = 0; t < mesh.triangles; ++t) {
         const auto& c = mesh.triangle[t];
-        const Vec3d low = mesh.place[c[0]].cwiseMin(mesh.place[c[1]]).cwiseMin(mesh.place[c[2]]);
-        const Vec3d high = mesh.place[c[0]].cwiseMax(mesh.place[c[1]]).cwiseMax(mesh.place[c[2]]);
+        Vec3d low = mesh.place[c[0]].cwiseMin(mesh.place[c[1]]).cwiseMin(mesh.place[c[2]]);
+        Vec3d high = mesh.place[c[0]].cwiseMax(mesh.place[c[1]]).cwiseMax(mesh.place[c[2]]);
+        for (const uint32_t v : c)
+            low = low.cwiseMin(mesh.place[v] - moved_by(mesh, v)), high = high.cwiseMax(mesh.place[v] - moved_by(mesh, v));
         if ((low.array() <= box.max.array()).all() && (high.array() >= box.min.array()).all()) near.push_back(t);
     }
     return near;
 }
 
 // The crossed edges, ascending.
-std::vector<PathPoint> find_path(const EdgeSweep& s, const CutMesh& mesh, std::span<const uint32_t> near) {
+std::vector<PathPoint> find_path(const EdgeSweep& sweep, const CutMesh& mesh, std::span<const uint32_t> near) {
     std::vector<CutEdge> edges;
     for (const uint32_t t : near)
         for (int k = 0; k < 3; ++k) edges.push_back(cut_edge(mesh.triangle[t][k], mesh.triangle[t][(k + 1) % 3]));
@@ -75,6 +82,8 @@ std::vector<PathPoint> find_path(const EdgeSweep& s, const CutMesh& mesh, std::s
     std::vector<PathPoint> path;
     for (const CutEdge& e : edges) {
         const Vec3d &p = mesh.place[e[0]], &q = mesh.place[e[1]];
+        const Vec3d moved = 0.5 * (moved_by(mesh, e[0]) + moved_by(mesh, e[1]));
+        const EdgeSweep s{sweep.a0 + moved, sweep.b0 + moved, sweep.a1, sweep.b1};
         double along = crossing_along(p, q, s.a0, s.b0, s.b1);
         if (std::isnan(along)) along = crossing_along(p, q, s.a0, s.b1, s.a1);
         if (std::isnan(along)) continue;
@@ -244,6 +253,7 @@ void open_slits(CutMesh& mesh, std::vector<CutVertex>& made) {
         for (uint32_t other = 1; other < fans; ++other) {
             const uint32_t copy = mesh.vertices++;
             mesh.rest[copy] = mesh.rest[v], mesh.place[copy] = mesh.place[v];
+            if (!mesh.before.empty()) mesh.before[copy] = mesh.before[v];
             made.push_back({v, v, 0});
             for (size_t k = 0; k < at.triangle[i].size(); ++k) {
                 if (fan[k] != other) continue;
@@ -254,12 +264,16 @@ void open_slits(CutMesh& mesh, std::vector<CutVertex>& made) {
     }
 }
 
-// Keeps the slits that are still closed: edges of two triangles.
-void drop_open_slits(CutMesh& mesh) {
+// Keeps the slits that are still closed: edges of two triangles. The others have opened.
+void drop_open_slits(CutMesh& mesh, std::vector<CutEdge>& opened) {
     std::vector<uint32_t> ends;
     for (const CutEdge& e : mesh.slit) ends.push_back(e[0]);
     const Around at = around(mesh, std::move(ends));
-    std::erase_if(mesh.slit, [&](const CutEdge& e) { return count_sides(mesh, at.of(e[0]), e[1]) != 2; });
+    std::erase_if(mesh.slit, [&](const CutEdge& e) {
+        const bool open = count_sides(mesh, at.of(e[0]), e[1]) != 2;
+        if (open) opened.push_back(e);
+        return open;
+    });
 }
 
 // Adds the edges of the path that separate two triangles to the slits.
@@ -339,6 +353,7 @@ CutResult cut_surface(const EdgeSweep& sweep, CutMesh& mesh, std::vector<CutVert
         p.vertex = mesh.vertices++;
         const auto between = [&](std::span<Vec3d> of) { of[p.vertex] = of[p.edge[0]] + p.along * (of[p.edge[1]] - of[p.edge[0]]); };
         between(mesh.rest), between(mesh.place);
+        if (!mesh.before.empty()) between(mesh.before);
         made.push_back({p.edge[0], p.edge[1], p.along});
     }
     std::vector<CutEdge> joined;
@@ -358,7 +373,7 @@ CutResult cut_surface(const EdgeSweep& sweep, CutMesh& mesh, std::vector<CutVert
     result.length = add_slits(mesh, joined);
     move_front(sweep, path, joined, mesh);
     open_slits(mesh, made);
-    drop_open_slits(mesh);
+    drop_open_slits(mesh, result.opened);
     return result;
 }
 

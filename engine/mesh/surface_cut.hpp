@@ -16,7 +16,8 @@ namespace trocar {
 // shorter than that of a mean edge.
 inline constexpr double kSnap = 0.2;
 
-// Motion of a straight edge, from a0 b0 to a1 b1, m.
+// Motion of a straight edge, from a0 b0 to a1 b1, m. The surface moves too: an edge of the surface is met where it comes to lie
+// in the sweep as seen from it, which moves with the mean of its ends.
 struct EdgeSweep {
     Vec3d a0, b0, a1, b1;
 };
@@ -32,6 +33,7 @@ struct CutMesh {
     std::vector<std::array<uint32_t, 2>> slit;  // edges that are cut, but still closed: lower vertex first, ascending
     std::vector<uint32_t> front;                // vertices at which a cut ended in a triangle that the edge is in, ascending
     double mean_edge = 0;                       // m, at load
+    std::span<Vec3d> before = {};               // m, of `place`, at the start of the sweep; empty: the surface has not moved
 };
 
 // How a vertex was made: at a + along (b - a).
@@ -41,8 +43,9 @@ struct CutVertex {
 };
 
 struct CutResult {
-    double length = 0;     // m, at rest, of the edges that became slits
-    bool refused = false;  // there was not enough room for all of the cut: nothing was changed
+    double length = 0;                            // m, at rest, of the edges that became slits
+    std::vector<std::array<uint32_t, 2>> opened;  // edges along which the surface opened, as they are on one side of the cut
+    bool refused = false;                         // there was not enough room for all of the cut: nothing was changed
 };
 
 // Makes the cut of one sweep. made: one element per new vertex, in their order. Triangles keep their numbers, their

@@ -22,22 +22,36 @@ void look_back(const Particles& particles, Range rows, float back, std::vector<F
     }
 }
 
-void add_other_energies(const Springs& springs, const Bodies& bodies, const Particles& particles, uint32_t body, float back,
+void add_other_energies(const Springs& springs, const Bodies& bodies, const Particles& particles, uint32_t body, float back, double share,
                         BodyEnergyScratch& scratch, Energy& energy) {
     if (!has_pressure(bodies, body) && !has_bending(bodies, body)) return;
     const uint32_t skin = springs.info[bodies.mesh[body]].skin;
     const Range rows{bodies.particles[body].first + skin, bodies.particles[body].count - skin};
     look_back(particles, rows, back, scratch.offset);
     if (has_bending(bodies, body)) {
-        energy.bending +=
-            find_bending_energy(springs, bodies.mesh[body], bending_rigidity(bodies.tissue[body]), scratch.offset.data(), scratch.sums);
+        energy.bending += share * find_bending_energy(springs, bodies.mesh[body], bending_rigidity(bodies.tissue[body]),
+                                                      scratch.offset.data(), scratch.sums);
     }
     if (!has_pressure(bodies, body)) return;
     scratch.gradient.resize(size_t{3} * rows.count);
     float* g = scratch.gradient.data();
     const double volume =
         find_volume_gradient(springs, bodies.mesh[body], scratch.offset.data(), scratch.sums, g, g + rows.count, g + 2 * rows.count);
-    energy.pressure += find_pressure_energy(springs, bodies, body, volume);
+    energy.pressure += share * find_pressure_energy(springs, bodies, body, volume);
+}
+
+// Adds `share` of the potential energies of springs, anchors, bending, pressure and tetrahedra where the body was `back`
+// (s) ago. Returns the sums over its particles at that time.
+std::array<double, kEnergySums> add_potentials(const EnergyInputs& in, uint32_t body, double back, double share, SpringStep& step,
+                                               BodyEnergyScratch& scratch, Energy& energy) {
+    step.back = static_cast<float>(back);
+    const std::array<double, kEnergySums> t = sum_energy(step, in.springs.info[in.bodies.mesh[body]].slices.count, scratch.sums);
+    // every spring was met from both its ends
+    energy.elastic += share * (0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor]);
+    add_other_energies(in.springs, in.bodies, in.particles, body, step.back, share, scratch, energy);
+    if (has_tets(in.other.solids, in.bodies, body))
+        energy.elastic += share * tet_energy(*in.other.solids, in.bodies, in.particles, body, back, scratch.tets, in.other.torn_springs);
+    return t;
 }
 
 }  // namespace
@@ -59,21 +73,20 @@ void add_body_energy(const EnergyInputs& inputs, uint32_t body, BodyEnergyScratc
     if (!is_deformable(bodies, body)) return;
     const uint32_t slices = springs.info[bodies.mesh[body]].slices.count;
     SpringStep step = bind_body(springs, bodies, anchors, particles, body, other.torn_springs);
-    step.back = static_cast<float>(0.5 * particles.last_dt[body]);
+    const double half = 0.5 * particles.last_dt[body];
+    step.back = static_cast<float>(half);
     if (bodies.anchor_frame[body] == AnchorFrame::kShape) {
         Quat orientation = poses.orientation[body];
         fit_goals(sum_shape(step, slices, scratch.sums), orientation, step);
     }
-    const std::array<double, kEnergySums> t = sum_energy(step, slices, scratch.sums);
+    const std::array<double, kEnergySums> t = add_potentials(inputs, body, half, 1, step, scratch, energy);
     energy.kinetic += 0.5 * t[kSumMvv];
-    // every spring was met from both its ends
-    energy.elastic += 0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor];
-    add_other_energies(springs, bodies, particles, body, step.back, scratch, energy);
-    if (has_tets(other.solids, bodies, body)) {
-        energy.elastic +=
-            tet_energy(*other.solids, bodies, particles, body, 0.5 * particles.last_dt[body], scratch.tets, other.torn_springs);
-    }
     energy.gravity -= gravity.dot(t[kSumMass] * poses.origin[body] + Vec3d(t[kSumMPosition], t[kSumMPosition + 1], t[kSumMPosition + 2]));
+    if (!other.actions || half == 0) return;
+    // 2 V(middle) - (V(start) + V(end)) / 2: see the header
+    add_potentials(inputs, body, half, 1, step, scratch, energy);
+    add_potentials(inputs, body, 0, -0.5, step, scratch, energy);
+    add_potentials(inputs, body, 2 * half, -0.5, step, scratch, energy);
 }
 
 }  // namespace trocar

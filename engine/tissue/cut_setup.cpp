@@ -131,6 +131,7 @@ void add_cut_body(const CutRoom& room, uint32_t columns, uint32_t body, const Me
     limits.thickness = bodies.thickness[body] > 0 ? bodies.thickness[body] : tissue.wall;
     limits.edge = info.mean_edge;
     limits.whole = info.admission;
+    cut.before.resize(limits.vertices.end(), Vec3d::Zero());
     cut.position.resize(limits.vertices.end(), Vec3d::Zero()), cut.goal.resize(limits.vertices.end(), Vec3::Zero());
     cut.triangle.resize(limits.triangles.end()), cut.uv.resize(limits.triangles.end()), cut.material.resize(limits.triangles.end());
     cut.count.push_back({info.vertices.count, info.triangles.count});

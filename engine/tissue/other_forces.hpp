@@ -1,4 +1,5 @@
 #pragma once
+#include "components/actions.hpp"
 #include "components/links.hpp"
 #include "components/nodes.hpp"
 #include "components/solids.hpp"
@@ -16,6 +17,8 @@ struct OtherForces {
     TornSprings* torn_springs = nullptr;
     const Nodes* nodes = nullptr;  // with the next one: bodies with one degree of freedom
     NodeState* node_state = nullptr;
+    const Actions* actions = nullptr;  // with the next one: what instruments do
+    ActionState* action_state = nullptr;
 };
 
 }  // namespace trocar

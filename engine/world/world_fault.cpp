@@ -51,7 +51,7 @@ bool all_have(const T& group, size_t rows, std::initializer_list<std::string_vie
 }
 
 // Last value of the enums in files; an enum without one does not compile.
-constexpr ActionKind last_of(ActionKind) { return ActionKind::kCut; }
+constexpr ActionKind last_of(ActionKind) { return ActionKind::kCauterise; }
 constexpr ActionTrigger last_of(ActionTrigger) { return ActionTrigger::kAlways; }
 constexpr Admission last_of(Admission) { return Admission::kRefused; }
 constexpr AnchorFrame last_of(AnchorFrame) { return AnchorFrame::kShape; }
@@ -153,7 +153,9 @@ void check_fields(const World& w, std::string& not_a_number) {
                                                           {"actions", w.actions.action.size()},
                                                           {"action times", w.actions.time.size()},
                                                           {"cut vertices", w.action_state.cut.position.size()},
-                                                          {"cut triangles", w.action_state.cut.triangle.size()}};
+                                                          {"cut triangles", w.action_state.cut.triangle.size()},
+                                                          {"heated nodes", w.actions.heat_volume.size()},
+                                                          {"heat edges", w.actions.heat_edge.size()}};
     FieldCheck check{counts};
 #define TROCAR_CHECK_RESOURCE(bit, member, name, kind)                                                                \
     if constexpr (ResourceKind::kind == ResourceKind::kConstant || ResourceKind::kind == ResourceKind::kState) {      \

@@ -22,6 +22,7 @@
 #include "systems/advance/island/constants.hpp"
 #include "systems/advance/rigid/driven_bodies.hpp"
 #include "systems/advance/rigid/free_bodies.hpp"
+#include "systems/advance/rigid/grasped_bodies.hpp"
 #include "systems/advance/rigid/rigid_bodies.hpp"
 #include "systems/advance/tissue/backward_euler.hpp"
 #include "systems/advance/tissue/fine_steps.hpp"
@@ -96,6 +97,14 @@ void give_remainders(const AdvanceCall& call, uint32_t particles, TissueScratch&
     }
 }
 
+// Memory to account for changes of the step, where instruments act.
+void give_velocities_before(const AdvanceCall& call, uint32_t particles, TissueScratch& scratch, AdvanceIsland& island) {
+    if (!call.inputs.other.actions || !call.params.account_energy) return;
+    scratch.velocity_before.resize(3 * size_t{particles});
+    for (AdvanceBody& b : island.body)
+        if (b.last_dt != call.dt) b.velocity_before = scratch.velocity_before.data() + 3 * size_t{b.buffer};
+}
+
 void gather_bodies(const AdvanceCall& call, std::span<const uint32_t> island_bodies, TissueScratch& scratch, AdvanceIsland& island,
                    const AdvanceState& state, AdvanceResult& result) {
     island.body.clear();
@@ -120,8 +129,29 @@ void gather_bodies(const AdvanceCall& call, std::span<const uint32_t> island_bod
     resize_raw(scratch.offset_a, particles);
     resize_raw(scratch.offset_b, particles);
     give_remainders(call, particles, scratch, island);
+    give_velocities_before(call, particles, scratch, island);
     gather_links(call, island, state, result);
+    gather_grasps(call, island, state);
     give_forces(call, state.particles, particles, scratch, island);
+}
+
+// Energy (J) that leapfrog gains in a kick where the step changes from h1 to h2: -(h2 - h1) / 4 F (v+ - v-), with the force F at
+// the kick (from the energy of body_energy.hpp on both sides of it and the work at the mean velocity).
+double gain_of_changed_step(const AdvanceBody& b, double change) {
+    const float* old[3] = {b.velocity_before, b.velocity_before + b.particles.count, b.velocity_before + 2 * size_t{b.particles.count}};
+    const float* now[3] = {b.step.new_velocity_x, b.step.new_velocity_y, b.step.new_velocity_z};
+    const double lost = b.shape ? 0.0 : double{b.step.keep} - 1;
+    double sum = 0;
+    for (uint32_t p = 0; p < b.particles.count; ++p) {
+        if (!(b.now[p].w > 0)) continue;
+        double power = 0;
+        for (int i = 0; i < 3; ++i) {
+            const double kick = double{now[i][p]} - double{old[i][p]};
+            power += (kick - lost * double{old[i][p]}) * kick;
+        }
+        sum += power / double{b.now[p].w};
+    }
+    return -0.25 * change * sum / double{b.step.kick_dt};
 }
 
 // Lanes of damping work, kept per chunk over the whole call.
@@ -135,7 +165,7 @@ void clear_sums(const AdvanceIsland& island, TissueScratch& scratch) {
 void step_leapfrog(const AdvanceCall& call, Poses& poses, AdvanceBody& b, std::vector<double>& shape_sums) {
     const SpringKernels& kernels = spring_kernels();
     // the first kick is a half one, after which velocities are half a step behind
-    const double kick = 0.5 * (b.last_dt + call.dt);
+    const double kick = 0.5 * (b.last_dt + call.dt), change = call.dt - b.last_dt;
     b.last_dt = call.dt;
     // damping acts half before and half after the kick: second order (Strang). Free bodies are damped
     // relative to their rigid motion, which must not slow down: all before the kick, first order
@@ -148,9 +178,15 @@ void step_leapfrog(const AdvanceCall& call, Poses& poses, AdvanceBody& b, std::v
         fit_goals(totals, poses.orientation[b.body], b.step);
         fit_drag(totals, b.step);
     }
+    const bool changes = b.velocity_before && change != 0;
+    if (changes) {
+        const float* const from[3] = {b.step.velocity_x, b.step.velocity_y, b.step.velocity_z};
+        for (int i = 0; i < 3; ++i) std::copy_n(from[i], b.particles.count, b.velocity_before + size_t(i) * b.particles.count);
+    }
     for_slices(b.slices, [&](uint32_t begin, uint32_t end) {
         kernels.step(&b.step, begin, end, b.damping_work ? b.damping_work + begin / kSlicesPerChunk * kSliceWidth : nullptr);
     });
+    if (changes) b.changed_step = gain_of_changed_step(b, change);
     if (b.step.remainder_step == 0) return;
     for (float** remainder : {&b.step.remainder_x, &b.step.remainder_y, &b.step.remainder_z}) *remainder += b.step.remainder_step;
     b.step.remainder_step = -b.step.remainder_step;
@@ -387,7 +423,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
     const auto tissue = [](AdvanceScratch& s) -> TissueScratch& { return s.tissue; };
     const auto implicit = [](AdvanceScratch& s) -> ImplicitScratch& { return s.tissue.implicit; };
     using I = AdvanceIsland;
-    level(island, &I::body, &I::rigid, &I::free, &I::slot_of_body);
+    level(island, &I::body, &I::rigid, &I::free, &I::slot_of_body, &I::grasp);
     using N = ContactNodeSet;
     level(nodes, &N::node, &N::change, &N::moved_in, &N::node_of_particle, &N::embedded_point, &N::node_sums,
           &N::response);
@@ -400,7 +436,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
     using K = ContactComponents;
     level(components, &K::sorted_active, &K::component, &K::component_of);
     using T = TissueScratch;
-    level(tissue, &T::offset_a, &T::offset_b, &T::remainder, &T::force, &T::force_sums, &T::corner_force, &T::hinge_force);
+    level(tissue, &T::offset_a, &T::offset_b, &T::remainder, &T::force, &T::velocity_before, &T::force_sums, &T::corner_force, &T::hinge_force);
     level(tissue, &T::sums, &T::shape_sums, &T::overstretched);
     using M = ImplicitScratch;
     level(implicit, &M::position, &M::inertia, &M::displacement, &M::force, &M::change, &M::volume_gradient, &M::volume_response);
@@ -449,12 +485,15 @@ void run_substep(const AdvanceCall& call, bool has_contacts, AdvanceScratch& s, 
     place_rigid_bodies(call, island);
     find_link_forces(call, state.particles, island);
     step_bodies(call, s.tissue, island, state, result);
+    for (AdvanceBody& b : island.body) result.work_numeric += std::exchange(b.changed_step, 0.0);
     begin_touched_steps(call, s.tissue, island, state, result);
     pull_hands(call, island);
     kick_free_bodies(call, island, result);
     pull_linked_rigids(call, island, state.tools);
+    pull_grasped_bodies(call, island, state.tools, result);
     if (has_contacts && params.observer.begin) params.observer.begin(params.observer.user);
     if (has_contacts) apply_impulses(call, s.components, s.tissue, s.solver, island, state, result);
+    account_grasps(call, island, result);
     finish_drives(call, island, result);
     move_hands(call, island, state.tools);
     move_free_bodies(call, island, state.tools);

@@ -18,6 +18,7 @@
 #include "systems/prepare/tear_bodies.hpp"
 #include "systems/prepare/tool_actions.hpp"
 #include "systems/prepare/tool_cuts.hpp"
+#include "systems/prepare/tool_heat.hpp"
 namespace trocar {
 namespace {
 
@@ -37,8 +38,9 @@ void bodies_come_and_go(World& w, FrameState& f) {
 }
 void actions(World& w, FrameState& f) {
     const ActionPass pass{pass_seconds(w), {surfaces_of(w), w.solids, w.trees}, w.haptics.tool, w.haptics.jaw, w.haptics.state,
-                          w.actions,       &w.spawning,                         &w.node_state};
+                          w.actions,       &w.spawning,                         &w.node_state,  &w.nodes,       period_seconds(w)};
     act(pass, f.scratch.links, w.action_state, w.links, w.sleep, w.energy);
+    if (!w.actions.heat_body.empty()) heat_with_tools(pass, w.action_state);
 }
 void link(World& w, FrameState& f) {
     link_bodies(pass_seconds(w), w.haptics.state, {surfaces_of(w), w.solids, w.trees}, f.scratch.links, w.links, w.sleep, w.energy,
@@ -70,7 +72,7 @@ void fast_bodies(World& w, FrameState&) {
     find_ccd_bodies({period_seconds(w), w.settings.gravity, surfaces_of(w), w.haptics.tool, w.devices, w.node_state}, w.fast_bodies,
                     w.boxes);
 }
-void joined_bodies(World& w, FrameState&) { find_joined_bodies(w.bodies, w.links, w.haptics.tool, w.haptics.jaw, w.joined_bodies); }
+void joined_bodies(World& w, FrameState&) { find_joined_bodies(w.bodies, w.links, w.haptics.tool, w.haptics.jaw, w.actions, w.action_state.grasp, w.joined_bodies); }
 void excluded_pairs(World& w, FrameState&) {
     find_pierced_bodies(w.haptics.tool, w.boxes, w.nodes.apart, w.haptics.state, w.excluded_pairs);
 }
@@ -208,7 +210,7 @@ void held_surfaces(World& w, FrameState& f) {
     hold_surfaces(w.self_contact_start, w.meshes, energy_inputs(w), f.options.account_energy, f.scratch.held_surfaces,
                   {w.particles, w.energy, w.report});
 }
-void link_forces(World& w, FrameState&) { note_link_forces(period_seconds(w), w.haptics.tool, w.haptics.jaw, w.links, w.haptics.state); }
+void link_forces(World& w, FrameState&) { note_link_forces(period_seconds(w), w.haptics.tool, w.haptics.jaw, w.actions, w.links, w.action_state, w.haptics.state); }
 void hand_forces(World& w, FrameState& f) { end_hand_pass(w.clock, !f.options.external_ticks, w.haptics); }
 
 void surface_normals(World& w, FrameState& f) {
@@ -283,7 +285,7 @@ constexpr FrameStage kStages[] = {
         mask(R::kPoses)}, any_path},
     {S::kComeAndGo,       P::kInput,    {"come and go",     run<stages::bodies_come_and_go>,kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kPools, R::kClock),
         mask(R::kPoses, R::kParticles, R::kSleep, R::kSpawning, R::kEnergy)}, any_pool},
-    {S::kActions,         P::kInput,    {"actions",         run<stages::actions>,           kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kTools, R::kToolState, R::kActions, R::kSpawning, R::kNodeState),
+    {S::kActions,         P::kInput,    {"actions",         run<stages::actions>,           kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kTools, R::kToolState, R::kActions, R::kSpawning, R::kNodes, R::kNodeState),
         mask(R::kActionState, R::kLinks, R::kSleep, R::kEnergy)}, any_action},
     {S::kLinks,           P::kInput,    {"links",           run<stages::link>,              kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),
         mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
@@ -297,7 +299,7 @@ constexpr FrameStage kStages[] = {
         mask(R::kBoxes, R::kReport)}, any_pair},
     {S::kFastBodies,      P::kDetection,{"fast bodies",     run<stages::fast_bodies>,       kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kNodeState),
         mask(R::kBoxes, R::kFastBodies)}, any_fast},
-    {S::kJoinedBodies,    P::kDetection,{"joined bodies",   run<stages::joined_bodies>,     mask(R::kBodies, R::kLinks, R::kTools),
+    {S::kJoinedBodies,    P::kDetection,{"joined bodies",   run<stages::joined_bodies>,     mask(R::kBodies, R::kLinks, R::kTools, R::kActions, R::kActionState),
         mask(R::kJoinedBodies)}, any_jaw_or_link},
     {S::kExcludedPairs,   P::kDetection,{"excluded pairs",  run<stages::excluded_pairs>,    mask(R::kBoxes, R::kNodes, R::kTools),
         mask(R::kToolState, R::kExcludedPairs)}, any_excluded},
@@ -365,25 +367,25 @@ constexpr FrameStage kStages[] = {
         mask(R::kToolState, R::kLocalContact)}, any_tool},
     {S::kHoldingGroups,   P::kAdvance,  {"holding groups",  run<stages::holding_groups>,    mask(R::kBodies, R::kLinks),
         mask(R::kHoldingGroups)}, any_link},
-    {S::kAdvance,         P::kAdvance,  {"advance",         run<stages::advance>,           mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears, R::kNodes, R::kImpactTimes, R::kHoldingGroups),
-        mask(R::kPoses, R::kParticles, R::kContactConstraints, R::kToolState, R::kDevices, R::kLinks, R::kTorn, R::kTornSprings, R::kNodeState, R::kEnergy, R::kReport)}, any_mover},
+    {S::kAdvance,         P::kAdvance,  {"advance",         run<stages::advance>,           mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears, R::kNodes, R::kImpactTimes, R::kHoldingGroups, R::kActions),
+        mask(R::kPoses, R::kParticles, R::kContactConstraints, R::kToolState, R::kActionState, R::kDevices, R::kLinks, R::kTorn, R::kTornSprings, R::kNodeState, R::kEnergy, R::kReport)}, any_mover},
     {S::kPassedSurfaces,  P::kAdvance,  {"passed surfaces", run<stages::passed_surfaces>,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kLocalContact),
         mask(R::kPassedSurfaces, R::kReport)}, any_tool_and_tissue},
     {S::kContactMemory,   P::kAdvance,  {"contact memory",  run<stages::contact_memory>,    mask(R::kContactConstraints),
         mask(R::kContactMemory)}, any_mover},
     {S::kSelfContactForces,P::kAdvance, {"self-contact forces",run<stages::self_contact_forces>,mask(R::kContactConstraints),
         mask(R::kSelfContacts)}, any_self_contact},
-    {S::kHeldSurfaces,    P::kAdvance,  {"held surfaces",   run<stages::held_surfaces>,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kSelfContactStart),
+    {S::kHeldSurfaces,    P::kAdvance,  {"held surfaces",   run<stages::held_surfaces>,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kSelfContactStart, R::kActions, R::kActionState),
         mask(R::kParticles, R::kEnergy, R::kReport)}, any_self_contact},
-    {S::kLinkForces,      P::kAdvance,  {"link forces",     run<stages::link_forces>,       mask(R::kClock, R::kTools),
-        mask(R::kLinks, R::kToolState)}, any_link},
+    {S::kLinkForces,      P::kAdvance,  {"link forces",     run<stages::link_forces>,       mask(R::kClock, R::kTools, R::kActions),
+        mask(R::kLinks, R::kActionState, R::kToolState)}, any_link},
     {S::kHandForces,      P::kAdvance,  {"hand forces",     run<stages::hand_forces>,       mask(R::kClock, R::kTools),
         mask(R::kToolState)}, any_tool},
     {S::kSurfaceNormals,  P::kPicture,  {"surface normals", run<stages::surface_normals>,   kShapes,
         mask(R::kNormals)}, any_deformable},
     {S::kSelfCrossings,   P::kPicture,  {"self-crossings",  run<stages::self_crossings>,    kShapes | mask(R::kClock, R::kSleep),
         mask(R::kSelfCrossings, R::kReport)}, any_deformable},
-    {S::kEnergy,          P::kPicture,  {"energy",          run<stages::energy>,            mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState),
+    {S::kEnergy,          P::kPicture,  {"energy",          run<stages::energy>,            mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kActions, R::kActionState),
         mask(R::kEnergy, R::kEnergyStart)}, any_energy},
     {S::kPicture,         P::kPicture,  {"picture",         run<stages::picture>,           kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kSpawning, R::kNodeState, R::kLinks, R::kActions, R::kActionState, R::kSolids),
         mask(R::kPicture)}, any_body},

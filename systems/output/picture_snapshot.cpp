@@ -1,6 +1,7 @@
 #include "systems/output/picture_snapshot.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "engine/tissue/embedded_surface.hpp"
 #include "engine/tissue/links.hpp"
@@ -193,6 +194,28 @@ void copy_cut_surfaces(const PictureInputs& in, PictureSnapshot& out) {
     }
 }
 
+// 1 - exp(-damage), the part of the proteins that denatured, at the vertices of heated bodies.
+void copy_burnt(const PictureInputs& in, PictureSnapshot& out) {
+    out.burnt.clear();
+    if (!in.actions || !in.action_state || !in.solids) return;
+    for (const HeatBody& heat : in.actions->heat_body) {
+        const double* damage = in.action_state->heat.damage.data() + heat.nodes.first;
+        if (*std::max_element(damage, damage + heat.nodes.count) < 0.01) continue;
+        PictureBody& body = out.body[heat.body];
+        const uint32_t vertices = in.surfaces.meshes.info[in.surfaces.bodies.mesh[heat.body]].vertices.count;
+        const uint32_t prototype = in.surfaces.bodies.mesh[heat.body];
+        const Range skin = prototype < in.solids->info.size() ? in.solids->info[prototype].skin : Range{};
+        body.burnt = {static_cast<uint32_t>(out.burnt.size()), vertices};
+        const auto share = [&](uint32_t node) { return 1 - std::exp(-damage[node]); };
+        for (uint32_t v = 0; v < vertices; ++v) {
+            double sum = 0;
+            for (int c = 0; c < 4 && skin.count > 0; ++c)
+                sum += in.solids->embedding_weight[skin.first + v][c] * share(in.solids->embedding_node[skin.first + v][c]);
+            out.burnt.push_back(static_cast<float>(std::clamp(skin.count > 0 ? sum : share(v), 0.0, 1.0)));
+        }
+    }
+}
+
 void hide_absent(const PictureInputs& in, PictureSnapshot& out) {
     for (uint32_t body = 0; in.spawning && body < in.spawning->away.size(); ++body)
         if (is_away(*in.spawning, body)) out.body[body].mesh = kNone;
@@ -213,6 +236,7 @@ void write_picture_snapshot(const PictureInputs& inputs, PictureSnapshot& out, c
     copy_staples(inputs, out);
     copy_removed(inputs.surfaces, inputs.tears, out);
     copy_cut_surfaces(inputs, out);
+    copy_burnt(inputs, out);
     hide_absent(inputs, out);
 }
 

@@ -36,8 +36,8 @@ void link_bodies(double now, std::span<const ToolState> tools, const LinkWorld& 
     report.links = links.node.size();
 }
 
-void note_link_forces(double seconds, std::span<const HandTool> tools, std::span<const ToolJaw> jaws, Links& links,
-                      std::span<ToolState> states) {
+void note_link_forces(double seconds, std::span<const HandTool> tools, std::span<const ToolJaw> jaws, const Actions& actions, Links& links,
+                      ActionState& action_state, std::span<ToolState> states) {
     for (LinkGroup& g : links.group) g.largest_force = std::max(g.largest_force, g.impulse.norm() / seconds);
     const auto holds = [&](const HandTool& tool, uint32_t body) {
         bool any = body == tool.body;
@@ -51,13 +51,20 @@ void note_link_forces(double seconds, std::span<const HandTool> tools, std::span
             if (g.body != kNone && holds(tools[t], g.holder)) states[t].link_force -= g.impulse / seconds;
         }
     }
+    for (ToolGrasp& grasp : action_state.grasp) {
+        const uint32_t group = find_link_group(links, grasp.group);
+        if (group == kNone) states[actions.action[grasp.action].tool].link_force -= grasp.impulse / seconds;
+        const double force = group == kNone ? grasp.impulse.norm() / seconds : links.group[group].largest_force;
+        grasp.largest_force = std::max(grasp.largest_force, force);
+    }
 }
 
 void find_joined_bodies(const Bodies& bodies, const Links& links, std::span<const HandTool> tools, std::span<const ToolJaw> jaws,
-                        std::vector<std::array<uint32_t, 2>>& joined) {
+                        const Actions& actions, std::span<const ToolGrasp> grasps, std::vector<std::array<uint32_t, 2>>& joined) {
     joined_by_links(bodies, links, joined);
     for (const HandTool& tool : tools)
         for (const ToolJaw& jaw : jaws.subspan(tool.jaws.first, tool.jaws.count)) joined.push_back({tool.body, jaw.body});
+    for (const ToolGrasp& grasp : grasps) joined.push_back({tools[actions.action[grasp.action].tool].body, grasp.body});
 }
 
 }  // namespace trocar

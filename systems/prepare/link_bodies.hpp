@@ -1,4 +1,5 @@
 #pragma once
+#include "components/actions.hpp"
 #include "components/particles.hpp"
 #include "components/tool.hpp"
 #include "components/tool_state.hpp"
@@ -12,12 +13,12 @@ void link_bodies(double now, std::span<const ToolState> tools, const LinkWorld& 
                  Energy& energy, Report& report);
 
 // Updates the largest force of every group (mean over a pass of `seconds`) and the force on tools whose bodies or
-// jaws hold links, ToolState::link_force. Call after advance.
-void note_link_forces(double seconds, std::span<const HandTool> tools, std::span<const ToolJaw> jaws, Links& links,
-                      std::span<ToolState> states);
+// jaws hold links or which grasp rigid bodies, ToolState::link_force. Call after advance.
+void note_link_forces(double seconds, std::span<const HandTool> tools, std::span<const ToolJaw> jaws, const Actions& actions, Links& links,
+                      ActionState& action_state, std::span<ToolState> states);
 
-// Pairs of bodies that links and jaws join: they are in one island and sleep together.
+// Pairs of bodies that links, jaws and grasps join: they are in one island and sleep together.
 void find_joined_bodies(const Bodies& bodies, const Links& links, std::span<const HandTool> tools, std::span<const ToolJaw> jaws,
-                        std::vector<std::array<uint32_t, 2>>& joined);
+                        const Actions& actions, std::span<const ToolGrasp> grasps, std::vector<std::array<uint32_t, 2>>& joined);
 
 }  // namespace trocar

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "engine/geometry/point_triangle.hpp"
+#include "engine/geometry/quaternion.hpp"
 namespace trocar {
 namespace {
 
@@ -74,6 +75,29 @@ bool any_free_group(const Links& links) {
     return std::any_of(links.group.begin(), links.group.end(), [](const LinkGroup& g) { return g.body == kNone; });
 }
 
+// A group of links in the world's frame that holds `held` at a point, in a free slot.
+LinkGroup group_at(const ActionPass& pass, const ToolAction& action, uint32_t held, uint32_t holder, const Vec3d& point, double radius) {
+    const Surfaces& s = pass.world.surfaces;
+    LinkGroup g;
+    g.body = held, g.holder = holder;
+    g.frame = RegionFrame::kWorld;
+    g.region = {RegionKind::kSphere, point, point, radius};
+    // of a grasp, action.stiffness is that of its pads
+    g.stiffness = action.kind == ActionKind::kStaple && action.stiffness > 0 ? action.stiffness
+                                                                             : 4 * static_cast<double>(s.bodies.spring_stiffness[held]);
+    g.gauge = s.meshes.info[s.bodies.mesh[held]].mean_edge;
+    g.begin = pass.now;
+    return g;
+}
+
+// Makes the links of a group; an unset name if there was nothing to hold.
+Entity hold(const ActionPass& pass, const LinkGroup& group, LinkScratch& scratch, Links& links, Energy& energy) {
+    const Entity name = add_link_group(links, group);
+    if (make_links(pass.world, name.index, scratch, links, energy) > 0) return name;
+    free_link_group(links, name, energy);
+    return {};
+}
+
 // Sets one staple at a point. False if there is nothing to hold.
 bool set_staple(const ActionPass& pass, uint32_t index, const Vec3d& point, LinkScratch& scratch, ActionState& state, Links& links,
                 Sleep& sleep, Energy& energy) {
@@ -84,22 +108,12 @@ bool set_staple(const ActionPass& pass, uint32_t index, const Vec3d& point, Link
     uint32_t held = near[0].body, holder = near[1].body;
     if (!is_deformable(s.bodies, held)) std::swap(held, holder);
     if (!is_deformable(s.bodies, held)) return false;
-    LinkGroup g;
-    g.name = "staple " + std::to_string(state.progress[index].done + 1) + " of " + s.bodies.name[pass.tools[action.tool].body];
-    g.body = held, g.holder = holder;
-    g.frame = RegionFrame::kWorld;
     // a point of a triangle is at most an edge, stretched to twice its length, from the nearest node
-    const MeshInfo& info = s.meshes.info[s.bodies.mesh[held]];
-    g.region = {RegionKind::kSphere, point, point, action.reach + 2 * info.max_edge};
+    LinkGroup g = group_at(pass, action, held, holder, point, action.reach + 2 * s.meshes.info[s.bodies.mesh[held]].max_edge);
+    g.name = "staple " + std::to_string(state.progress[index].done + 1) + " of " + s.bodies.name[pass.tools[action.tool].body];
     g.most = 1;
-    g.stiffness = action.stiffness > 0 ? action.stiffness : 4 * static_cast<double>(s.bodies.spring_stiffness[held]);
-    g.gauge = info.mean_edge;
-    g.begin = pass.now;
-    const Entity name = add_link_group(links, g);
-    if (make_links(pass.world, name.index, scratch, links, energy) == 0) {
-        free_link_group(links, name, energy);
-        return false;
-    }
+    const Entity name = hold(pass, g, scratch, links, energy);
+    if (name == Entity{}) return false;
     LinkGroup& made = links.group[name.index];
     const double rest = links.rest[made.links.first];
     made.break_strain = action.pull_out / (made.stiffness * (rest > 0 ? rest : made.gauge));
@@ -121,12 +135,92 @@ bool forget_pulled(ActionState& state, Links& links, Energy& energy) {
             bool holds = false;
             for (uint32_t i = range.first; i < range.end(); ++i) holds = holds || links.whole[i];
             if (holds) return false;
+            // what it held still rings
+            state.released.push_back(links.group[group].body), state.released.push_back(links.group[group].holder);
             free_link_group(links, staple.group, energy);
         }
         ++state.progress[staple.action].pulled_out;
         return true;
     });
     return state.staple.size() != before;
+}
+
+// Nodes of a deformable body that one grasp holds at most; as many are reserved at load (build_actions.cpp).
+constexpr uint32_t kGraspNodes = 64;
+
+bool grasp_tissue(const ActionPass& pass, uint32_t index, uint32_t body, const Vec3d& point, LinkScratch& scratch, ToolGrasp& grasp,
+                  Links& links, Energy& energy) {
+    if (!any_free_group(links)) return false;
+    const ToolAction& action = pass.actions.action[index];
+    const Surfaces& s = pass.world.surfaces;
+    LinkGroup g = group_at(pass, action, body, pass.tools[action.tool].body, point, action.reach);
+    g.name = "grasp of " + s.bodies.name[pass.tools[action.tool].body];
+    g.most = kGraspNodes;
+    grasp.group = hold(pass, g, scratch, links, energy);
+    if (grasp.group == Entity{}) {  // of a coarse mesh
+        g.region.radius += 2 * s.meshes.info[s.bodies.mesh[body]].max_edge, g.most = 1;
+        grasp.group = hold(pass, g, scratch, links, energy);
+    }
+    return !(grasp.group == Entity{});
+}
+
+bool has_one_coordinate(const ActionPass& pass, uint32_t body) {
+    return pass.nodes && std::any_of(pass.nodes->drive.begin(), pass.nodes->drive.end(), [&](const auto& d) { return d.body == body; });
+}
+
+// Holds what lies at a point. Returns whether anything does.
+bool begin_grasp(const ActionPass& pass, uint32_t index, const Vec3d& point, LinkScratch& scratch, ActionState& state, Links& links,
+                 Sleep& sleep, Energy& energy) {
+    const ToolAction& action = pass.actions.action[index];
+    const HandTool& tool = pass.tools[action.tool];
+    const Surfaces& s = pass.world.surfaces;
+    bool any = false;
+    for (uint32_t body = 0; body < s.bodies.mesh.size(); ++body) {
+        const bool soft = is_deformable(s.bodies, body), free = s.bodies.motion[body] == Motion::kFree && !has_one_coordinate(pass, body);
+        if ((!soft && !free) || is_part_of(pass, tool, body) || !is_there(pass, body)) continue;
+        if (nearest_surface(pass.world, body, point, action.reach).body == kNone) continue;
+        ToolGrasp grasp;
+        grasp.action = index, grasp.body = body;
+        grasp.point = action.point;
+        grasp.arm = world_to_frame(s, body, point);
+        grasp.turn = multiply(conjugate(s.poses.orientation[tool.body]), s.poses.orientation[body]);
+        if (soft && !grasp_tissue(pass, index, body, point, scratch, grasp, links, energy)) continue;
+        state.grasp.push_back(grasp);
+        wake_body(sleep, body);
+        any = true;
+    }
+    return any;
+}
+
+// Lets go of what a grasp holds.
+void let_grasp_go(const ActionPass& pass, const ToolGrasp& grasp, ActionState& state, Links& links, Sleep& sleep, Energy& energy) {
+    if (is_deformable(pass.world.surfaces.bodies, grasp.body))
+        free_link_group(links, grasp.group, energy), state.released.push_back(grasp.body);
+    energy.work_links -= grasp.stored;
+    wake_body(sleep, grasp.body);
+}
+
+bool has_slipped(const ActionPass& pass, const ToolGrasp& grasp, const Links& links) {
+    const ToolAction& action = pass.actions.action[grasp.action];
+    if (!is_deformable(pass.world.surfaces.bodies, grasp.body)) return grasp.slipped > action.reach;
+    const uint32_t group = find_link_group(links, grasp.group);
+    return group == kNone || links.group[group].largest_force > 2 * action.friction * action.press_force;
+}
+
+// Ends grasps whose trigger is free, whose body is away, or that slipped. Returns whether links changed.
+bool end_grasps(const ActionPass& pass, ActionState& state, Links& links, Sleep& sleep, Energy& energy) {
+    bool changed = false;
+    std::erase_if(state.grasp, [&](ToolGrasp& grasp) {
+        ActionProgress& progress = state.progress[grasp.action];
+        const bool slipped = has_slipped(pass, grasp, links);
+        progress.largest_force = std::max(progress.largest_force, grasp.largest_force);
+        grasp.impulse.setZero(), grasp.moment.setZero();
+        if (!slipped && progress.on && is_there(pass, grasp.body)) return false;
+        progress.slips += slipped;
+        let_grasp_go(pass, grasp, state, links, sleep, energy);
+        return changed = true;
+    });
+    return changed;
 }
 
 }  // namespace
@@ -153,14 +247,18 @@ StapledSurface nearest_surface(const LinkWorld& world, uint32_t body, const Vec3
 }
 
 void act(const ActionPass& pass, LinkScratch& scratch, ActionState& state, Links& links, Sleep& sleep, Energy& energy) {
+    state.released.clear();
     bool changed = forget_pulled(state, links, energy);
     for (uint32_t index = 0; index < pass.actions.action.size(); ++index) {
         const ToolAction& action = pass.actions.action[index];
         ActionProgress& progress = state.progress[index];
+        const bool held = progress.on;
         const uint32_t pulls = count_pulls(pass, action, progress);
-        if (action.kind != ActionKind::kStaple) continue;
         const HandTool& tool = pass.tools[action.tool];
         const Vec3d point = frame_to_world(pass.world.surfaces, tool.body, action.point);
+        if (action.kind == ActionKind::kGrasp && progress.on && !held)
+            begin_grasp(pass, index, point, scratch, state, links, sleep, energy) ? ++progress.done : ++progress.misfires, changed = true;
+        if (action.kind != ActionKind::kStaple) continue;
         for (uint32_t pull = 0; pull < pulls; ++pull) {
             const bool pressed = !(pass.states[action.tool].command.force.norm() < action.press);
             const bool left = progress.done < action.magazine;
@@ -170,6 +268,7 @@ void act(const ActionPass& pass, LinkScratch& scratch, ActionState& state, Links
                 ++progress.misfires;
         }
     }
+    changed = end_grasps(pass, state, links, sleep, energy) || changed;
     if (changed) {
         const Surfaces& s = pass.world.surfaces;
         update_link_limits(s.bodies, pass.world.solids, s.particles, scratch, links);

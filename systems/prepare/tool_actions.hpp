@@ -18,12 +18,18 @@ struct ActionPass {
     const Actions& actions;
     const SpawnState* spawning = nullptr;   // bodies that are away are not acted on; or null
     const NodeState* node_state = nullptr;  // nor are those of disabled nodes; or null
+    const Nodes* nodes = nullptr;           // bodies with one degree of freedom are not grasped; or null
+    double period = 0;                      // s, of a pass
 };
 
 // Follows the triggers of all actions. Where that of a staple is pulled, joins the two surfaces that are nearest to
 // its point: the nearest deformable one is held by the other, with one link between the nearest nodes (a rigid body
 // is held where that node is), which breaks at pull_out. Both must be within reach, and the tool pressed with `press`;
 // else, or with an empty magazine, it is a misfire. Forgets staples that were pulled out. Stapled bodies wake up.
+// While that of a grasp is pulled, the tool holds every body whose surface is within reach of its point: nodes of a
+// deformable one within reach, at least the nearest, by links; a free rigid one as systems/advance/rigid/grasped_bodies.hpp
+// says. A deformable body that pulls with more than 2 friction press_force, mean over a pass, and a rigid one that has slid
+// farther than the reach slip out. A grasp that finds nothing is a misfire.
 void act(const ActionPass& pass, LinkScratch& scratch, ActionState& state, Links& links, Sleep& sleep, Energy& energy);
 
 // The nearest point of a body's surface, at most `reach` (m) from a point of the world; distance infinite if there is

@@ -37,7 +37,7 @@ void put_lists(uint32_t index, uint32_t action, const CutMesh& mesh, CutSurfaces
 double energy_of_body(const CutWorld& w, uint32_t body) {
     Energy energy;
     BodyEnergyScratch scratch;
-    add_body_energy({w.springs, w.bodies, w.poses, w.particles, w.anchors, w.gravity, {}}, body, scratch, energy);
+    add_body_energy({w.springs, w.bodies, w.poses, w.particles, w.anchors, w.gravity, {.actions = &w.actions}}, body, scratch, energy);
     return energy.kinetic + energy.elastic + energy.gravity;
 }
 
@@ -78,7 +78,7 @@ void place_new(const CutWorld& w, uint32_t body, uint32_t old, std::span<const C
 
 // The present surface, in arrays of its own that a refused cut leaves behind.
 struct WorkingSurface {
-    std::vector<Vec3d> rest, place;
+    std::vector<Vec3d> rest, place, before;
     std::vector<Triangle> triangle;
     std::vector<std::array<Vec2, 3>> uv;
     std::vector<uint16_t> material;
@@ -93,11 +93,13 @@ struct WorkingSurface {
         part(cut.position, limits.vertices, rest);
         part(cut.triangle, limits.triangles, triangle), part(cut.uv, limits.triangles, uv), part(cut.material, limits.triangles, material);
         place.resize(rest.size(), Vec3d::Zero());
+        part(cut.before, limits.vertices, before);
+        for (Vec3d& p : before) p -= w.poses.origin[limits.body];
         for (uint32_t v = 0; v < cut.count[index][0]; ++v) {
             const Float4& o = w.particles.offset[w.bodies.particles[limits.body].first + v];
             place[v] = {o.x, o.y, o.z};
         }
-        mesh = {cut.count[index][0], cut.count[index][1], rest, place, triangle, uv, material, {}, {}, limits.edge};
+        mesh = {cut.count[index][0], cut.count[index][1], rest, place, triangle, uv, material, {}, {}, limits.edge, before};
         mesh.slit = take_slits(index, cut);
         mesh.front = take_front(index, action, cut);
     }
@@ -143,6 +145,7 @@ double cut_body(const CutWorld& w, uint32_t action, uint32_t index, EdgeSweep sw
         return 0;
     }
     w.state.cut = std::move(next);
+    for (const auto& [a, b] : result.opened) w.state.opened.push_back({body, a, b, action});
     put_lists(index, action, work.mesh, w.state.cut);
     place_new(w, body, old, made);
     share_mass(w, body, before, made);
@@ -164,7 +167,25 @@ Vec3d resist(const CutWorld& w, const ToolAction& action, const Vec3d& moved, Ac
     const double left = std::sqrt(std::max(0.0, speed * speed - 2 * given * inverse));
     w.poses.velocity[body] -= (speed - left) * along;
     progress.owed -= given;
+    w.energy.work_hand += given, w.energy.work_cuts -= given;
     return -(speed - left) / inverse / w.period * along;
+}
+
+// Notes where the surfaces are that the next sweeps begin from.
+void note_places(const CutWorld& w) {
+    CutSurfaces& cut = w.state.cut;
+    const auto is_cut_now = [&](uint32_t index) {
+        return std::any_of(w.actions.cuts.begin(), w.actions.cuts.end(),
+                           [&](const auto& c) { return c[1] == index && w.state.progress[c[0]].swept; });
+    };
+    for (uint32_t index = 0; index < w.actions.cut_body.size(); ++index) {
+        if (!is_cut_now(index)) continue;
+        const CutBody& limits = w.actions.cut_body[index];
+        for (uint32_t v = 0; v < cut.count[index][0]; ++v) {
+            const Float4& o = w.particles.offset[w.bodies.particles[limits.body].first + v];
+            cut.before[limits.vertices.first + v] = w.poses.origin[limits.body] + Vec3d(o.x, o.y, o.z);
+        }
+    }
 }
 
 void forget_front(uint32_t action, CutSurfaces& cut) {
@@ -174,6 +195,7 @@ void forget_front(uint32_t action, CutSurfaces& cut) {
 }  // namespace
 
 void cut_with_tools(const CutWorld& w) {
+    w.state.opened.clear();
     std::vector<Vec3d> force(w.tools.size(), Vec3d::Zero());
     for (uint32_t i = 0; i < w.actions.action.size(); ++i) {
         const ToolAction& action = w.actions.action[i];
@@ -198,6 +220,7 @@ void cut_with_tools(const CutWorld& w) {
         }
         force[action.tool] += resist(w, action, 0.5 * (sweep.a1 + sweep.b1 - sweep.a0 - sweep.b0), progress);
     }
+    note_places(w);
     for (size_t t = 0; t < w.states.size(); ++t) {
         if (!w.links) w.states[t].link_force_before = w.states[t].link_force, w.states[t].link_force.setZero();
         w.states[t].link_force += force[t];

@@ -34,7 +34,8 @@ struct CutWorld {
 // pulled (act has followed them): see cut_surface. Mass is conserved: vertices share that of their triangles. New
 // particles move with the edge that they split. The elastic, kinetic and anchor energy that changes is in the
 // accounting (work_links). The work of the new surface, toughness times area, is taken from the tool's motion, what
-// that cannot give at once from the next passes, and the hand feels its mean force. A cut beyond the reserved elements
+// that cannot give at once from the next passes: it enters as work of the hand and leaves as work_cuts, and the hand feels
+// its mean force. A cut beyond the reserved elements
 // is not made, and counted.
 void cut_with_tools(const CutWorld& world);
 

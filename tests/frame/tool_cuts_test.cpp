@@ -37,7 +37,7 @@ Sums sums_of(const World& w) {
 // accounting that closes. Breaks when mass is lost or made at new vertices, or when a remade spring's energy is not
 // accounted.
 TEST(ToolCuts, ABladeMakesTwoOfASheet) {
-    double drift = 0, largest = 0, felt = 0;
+    double drift = 0, entered = 0, felt = 0;
     Sums before, after;
     size_t faults = 0;
     run(cut_world(), 150, [&](Frame& frame, int pass) {
@@ -45,7 +45,7 @@ TEST(ToolCuts, ABladeMakesTwoOfASheet) {
         if (pass == 0) before = sums_of(w);
         if (pass == 149) after = sums_of(w);
         if (pass % 30 == 29) faults += find_fault(w) != "";
-        largest = std::max(largest, w.energy.elastic + w.energy.links + w.energy.kinetic);
+        entered = std::max(entered, w.energy.work_hand);
         drift = std::max(drift, std::abs(w.energy.balance));
         felt = std::max(felt, w.haptics.state[0].output.force.norm());
         if (pass < 149) return;
@@ -55,8 +55,10 @@ TEST(ToolCuts, ABladeMakesTwoOfASheet) {
         EXPECT_EQ(p.refused, 0u);
         EXPECT_DOUBLE_EQ(p.work, 1000 * p.area);
         EXPECT_EQ(cut.thickness, 1e-3);
+        EXPECT_NEAR(-w.energy.work_cuts, p.work - p.owed, 1e-12) << "what the hand has given";
+        EXPECT_LT(p.owed, 0.1 * p.work);
         std::printf("cut %.2f mm, %.3g J, felt at most %.2f N, drift %.3g of %.3g J, %u vertices, %u triangles\n", 1e3 * p.area / 1e-3,
-                    p.work, felt, drift, largest, w.action_state.cut.count[0][0], w.action_state.cut.count[0][1]);
+                    p.work, felt, drift, entered, w.action_state.cut.count[0][0], w.action_state.cut.count[0][1]);
     });
     EXPECT_EQ(faults, 0u);
     EXPECT_EQ(before.pieces, 1u);
@@ -64,7 +66,7 @@ TEST(ToolCuts, ABladeMakesTwoOfASheet) {
     EXPECT_NEAR(after.area, before.area, 1e-12 * before.area);
     EXPECT_NEAR(after.mass, before.mass, 1e-6 * before.mass) << "floats";
     EXPECT_GT(felt, 0.1);
-    EXPECT_LT(drift, 0.01 * largest);
+    EXPECT_LT(drift, 1e-3 * entered) << "of the hands' work";
 }
 
 // The bits do not depend on threads or scratch, and the surface of a state follows from it alone: set back into a world
@@ -93,6 +95,18 @@ TEST(ToolCuts, TheStateHoldsTheSurface) {
     });
     run_with(3, false, [&](const World& w) { EXPECT_EQ(state_hash(w), hash); });
     run_with(1, true, [&](const World& w) { EXPECT_EQ(state_hash(w), hash); });
+}
+
+// A fine mesh, whose strands spring across the blade between two passes, is cut all the same. Breaks when the sweep does not follow
+// the surface: of these two one piece was left.
+TEST(ToolCuts, NoStrandEscapesBetweenTwoPasses) {
+    for (const char* triangles : {"1000", "2000"}) {
+        run(cut_world({{"mesh.triangles", triangles}, {"mesh.cut_capacity", "4000"}}), 136, [&](Frame& frame, int pass) {
+            if (pass < 135) return;
+            EXPECT_EQ(sums_of(frame.world()).pieces, 2u) << triangles;
+            EXPECT_TRUE(frame.world().action_state.cut.slit.empty());
+        });
+    }
 }
 
 // A cut beyond the room is not made, and counted.

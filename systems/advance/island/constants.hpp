@@ -103,6 +103,8 @@ inline constexpr double kFarDisplacement = 0.25;
 // its rest length in a step; springs are not tested if no node moves by kShortDisplacement of the mean rest
 // length. Measured: finer_steps (fine_steps.hpp).
 inline constexpr uint32_t kFinerShell = 2;
+// and of a body that loses a link (fine_steps.hpp)
+inline constexpr uint32_t kFinerLosing = 4;
 inline constexpr float kApart = 0.05f;
 inline constexpr double kShortDisplacement = 0.02;
 // Solids: volume ratios, now or in the middle of the pass, below which more steps replace one.

@@ -29,7 +29,9 @@ struct AdvanceBody {
     const Float4* now = nullptr;     // offsets at the start of the substep
     Float4* next = nullptr;          // and at its end
     SpringStep step;
-    double* damping_work = nullptr;  // J, 16 lanes to which a step adds the work of damping; null if energy is not accounted
+    float* velocity_before = nullptr;  // m/s, 3 fields: memory to account for a change of the step; null if nothing is to be accounted
+    double changed_step = 0;           // J, that leapfrog gained when the step changed in this substep
+    double* damping_work = nullptr;    // J, 16 lanes to which a step adds the work of damping; null if energy is not accounted
 
     // Positions and velocities belong to the same time; else velocities are half a substep behind.
     bool synchronous() const { return stepping.integrator == Integrator::kBackwardEuler; }
@@ -131,6 +133,22 @@ struct IslandLinks {
     std::vector<uint32_t> link_group;  // indices in Links::group of the island's groups
 };
 
+// A grasp of a free rigid body during a substep: see grasped_bodies.hpp. World axes.
+struct AdvanceGrasp {
+    uint32_t index = 0;                   // of ActionState::grasp
+    uint32_t tool = kNone, body = kNone;  // index in AdvanceIsland::rigid
+    Vec3d point = Vec3d::Zero();          // m, frame of the tool's body
+    Vec3d at = Vec3d::Zero();             // m, of the held point, and from the centres
+    Vec3d tool_arm = Vec3d::Zero(), body_arm = Vec3d::Zero();
+    Vec3d stretch = Vec3d::Zero(), turn = Vec3d::Zero();                                // m, rad, from the body to where the jaws hold it
+    double soft = 0, turn_soft = 0;                                                     // 1/kg, 1/(kg m^2)
+    Vec3d pull = Vec3d::Zero(), twist = Vec3d::Zero();                                  // m/s, rad/s, that the springs ask for
+    Eigen::Matrix3d mass = Eigen::Matrix3d::Zero(), inertia = Eigen::Matrix3d::Zero();  // kg, kg m^2
+    Vec3d impulse = Vec3d::Zero(), moment = Vec3d::Zero();                              // N s, N m s, on the body
+    // before the impulses, rad/s and m/s
+    Vec3d spin_before = Vec3d::Zero(), tool_spin = Vec3d::Zero(), tool_velocity = Vec3d::Zero();
+};
+
 // Bodies that move during a call, or are in contact with those.
 struct AdvanceIsland {
     std::vector<AdvanceBody> body;
@@ -139,6 +157,7 @@ struct AdvanceIsland {
     std::vector<uint32_t> slot_of_body;  // index in body or in rigid, or kNone; one per body of the world
     ContactNodeSet nodes;
     IslandLinks links;
+    std::vector<AdvanceGrasp> grasp;
 };
 
 // Whether some body of the island has an embedded surface: then constraints are prepared one after the other.

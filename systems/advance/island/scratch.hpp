@@ -39,6 +39,7 @@ struct TissueScratch {
     RawVector<Float4> offset_a, offset_b;              // the two buffers of a substep, bodies of the island one after the other
     std::vector<float> remainder;                      // 3 fields, indexed as the buffers; for bodies that carry_remainder
     std::vector<float> force;                          // N, 3 fields, indexed as the buffers; only if a body has_forces
+    std::vector<float> velocity_before;                // m/s, 3 fields, indexed as the buffers; only in scenes where instruments act
     std::vector<double> force_sums;                    // per chunk, of one family at a time
     std::vector<Float4> corner_force;                  // N, of the tetrahedra of one body
     std::vector<Float4> hinge_force;                   // of one body with bending

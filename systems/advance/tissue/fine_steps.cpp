@@ -102,6 +102,18 @@ double least_volume_of_pass(const AdvanceInputs& in, const Particles& particles,
                     least_volume_later(tets, &particles.offset[nodes.first], particles, nodes, 0.5 * seconds, position));
 }
 
+// Whether a link of the body may break in the coming pass, or was let go of at its start.
+bool may_lose_a_link(const AdvanceInputs& in, uint32_t body) {
+    constexpr double kNear = 0.9;  // of its strength
+    const Links* links = in.other.links;
+    if (!in.other.actions || !links) return false;
+    const std::vector<uint32_t>& released = in.other.action_state->released;
+    if (std::ranges::find(released, body) != released.end()) return true;
+    return std::ranges::any_of(links->group, [&](const LinkGroup& g) {
+        return g.body != kNone && (g.body == body || g.holder == body) && g.links.count > 0 && g.largest_strain > kNear * g.break_strain;
+    });
+}
+
 }  // namespace
 
 bool needs_subcycling(const AdvanceCall& call, const Particles& particles, const AdvanceBody& b, double least, TissueScratch& scratch) {
@@ -159,6 +171,7 @@ uint32_t finer_steps(const AdvanceInputs& in, const Particles& particles, std::s
     uint32_t most = 1;
     for (const uint32_t body : island_bodies) {
         if (!is_deformable(in.bodies, body) || stepping_of(in, body).integrator != Integrator::kLeapfrog) continue;
+        if (may_lose_a_link(in, body)) most = std::max(most, kFinerLosing);
         if (has_tets(in.other.solids, in.bodies, body)) {
             const double least = least_volume_of_pass(in, particles, body, seconds, scratch.tissue.implicit.position);
             most = std::max(most, least < kPressedFlat ? kFinerPressedFlat : least < kPressed ? kFinerPressed : 1u);

@@ -169,6 +169,8 @@ nlohmann::ordered_json actions_json(const ActionFigures& a) {
     nlohmann::ordered_json j;
     if (a.staples) j = {{"staples", a.set}, {"misfires", a.misfires}, {"pulled_out", a.pulled_out}, {"max_pull_n", a.pull}};
     if (a.cuts) j["cuts"] = a.cut, j["cut_area_m2"] = a.area, j["cut_work_j"] = a.work, j["cuts_refused"] = a.refused;
+    if (a.grasps) j["grasps"] = a.grasped, j["empty_grasps"] = a.nothing_grasped, j["slips"] = a.slipped, j["max_grip_n"] = a.grip;
+    if (a.cautery) j["burns"] = a.burns, j["heat_j"] = a.heat, j["burnt_m2"] = a.burnt, j["hottest_c"] = a.hottest;
     return j;
 }
 

@@ -88,15 +88,31 @@ ActionFigures action_figures(const World& w) {
     for (size_t i = 0; i < w.actions.action.size(); ++i) {
         const ActionProgress& p = w.action_state.progress[i];
         a.any = true;
-        if (w.actions.action[i].kind == ActionKind::kStaple) {
-            a.staples = true;
-            a.set += p.done, a.misfires += p.misfires, a.pulled_out += p.pulled_out;
-            a.pull = std::max(a.pull, p.largest_force);
-        } else {
-            a.cuts = true;
-            a.cut += p.done, a.refused += p.refused, a.area += p.area, a.work += p.work;
+        switch (w.actions.action[i].kind) {
+            case ActionKind::kStaple:
+                a.staples = true;
+                a.set += p.done, a.misfires += p.misfires, a.pulled_out += p.pulled_out;
+                a.pull = std::max(a.pull, p.largest_force);
+                break;
+            case ActionKind::kCut:
+                a.cuts = true;
+                a.cut += p.done, a.refused += p.refused, a.area += p.area, a.work += p.work;
+                break;
+            case ActionKind::kGrasp:
+                a.grasps = true;
+                a.grasped += p.done, a.nothing_grasped += p.misfires, a.slipped += p.slips;
+                a.grip = std::max(a.grip, p.largest_force);
+                break;
+            case ActionKind::kCauterise:
+                a.cautery = true;
+                a.burns += p.done, a.heat += p.heat, a.burnt += p.burnt;
+                break;
         }
     }
+    for (const ToolGrasp& grasp : w.action_state.grasp) a.grip = std::max(a.grip, grasp.largest_force);
+    for (const HeatBody& body : w.actions.heat_body)
+        for (uint32_t v = body.nodes.first; v < body.nodes.end(); ++v)
+            a.hottest = std::max(a.hottest, body.blood + w.action_state.heat.rise[v]);
     for (const ToolStaple& staple : w.action_state.staple) {
         const uint32_t group = find_link_group(w.links, staple.group);
         if (group != kNone) a.pull = std::max(a.pull, w.links.group[group].largest_force);
