@@ -203,7 +203,7 @@ ordered_json to_json(const Tried& t) {
     return {{"set", set}, {"ms_per_frame", t.milliseconds}, {"rms_mm", t.rms}, {"largest_mm", t.largest}};
 }
 
-std::string line_of(const Tried& t) {
+std::string line_of_choice(const Tried& t) {
     const std::string set = text_of(overrides_of(t.choice));
     return format("%9.3f ms %10.4f mm rms %10.4f mm largest %s\n", t.milliseconds, t.rms, t.largest,
                   set.empty() ? " as the scene is" : set.c_str());
@@ -225,14 +225,14 @@ int tune_command(const TuneOptions& o) {
         const bool keeps = tuner.keeps(best);
         std::string text = "what no other choice beats, a displayed frame (1/30 s) on one core:\n";
         ordered_json front = ordered_json::array();
-        for (const Tried& t : tuner.front()) text += line_of(t), front.push_back(to_json(t));
+        for (const Tried& t : tuner.front()) text += line_of_choice(t), front.push_back(to_json(t));
         text += keeps ? "chosen:\n" : "nothing keeps both limits; nearest:\n";
-        text += line_of(best) + "trocar run " + o.scene + text_of(o.overrides) + text_of(overrides_of(best.choice)) + "\n";
+        text += line_of_choice(best) + "trocar run " + o.scene + text_of(o.overrides) + text_of(overrides_of(best.choice)) + "\n";
         if (!o.out.empty()) {
             std::vector<Override> all = o.overrides;
             for (const Override& c : overrides_of(best.choice)) all.push_back(c);
             const std::string head = format("# Tuned by trocar tune for %g ms and %g mm over %g s:\n#%s", o.budget_ms, o.error_mm, seconds,
-                                            line_of(best).c_str());
+                                            line_of_choice(best).c_str());
             write_whole_file(o.out, head + scene_text_with(path, all));
         }
         const ordered_json answer{
