@@ -40,21 +40,16 @@ Mesh make_ring(uint32_t triangles) {
 }
 
 Mesh make_cannula(uint32_t triangles) {
-    constexpr double kBore = 0.005, kWall = 0.001, kHalf = 0.03;
+    constexpr double kBore = 0.005, kWall = 0.001, kHalf = 0.03, kFunnel = 0.012, kMouth = 0.005;  // m
     Loft loft;
     loft.ring = true;
     loft.corner = {0, 0.25, 0.5, 0.75};
     loft.point = [](double u, double v) {
         const double along = 4 * u - std::floor(4 * u);
-        double radius = kBore, height = kHalf;
-        if (u < 0.25)
-            radius = kBore + kWall, height = kHalf - 2 * kHalf * along;
-        else if (u < 0.5)
-            radius = kBore + kWall * (1 - along), height = -kHalf;
-        else if (u < 0.75)
-            height = -kHalf + 2 * kHalf * along;
-        else
-            radius = kBore + kWall * along;
+        const double height = u < 0.25 ? kHalf - 2 * kHalf * along : u < 0.5 ? -kHalf : u < 0.75 ? -kHalf + 2 * kHalf * along : kHalf;
+        const double wall = u < 0.25 ? kWall : u < 0.5 ? kWall * (1 - along) : u < 0.75 ? 0 : kWall * along;
+        const double open = std::clamp(1 - (kHalf - height) / kFunnel, 0.0, 1.0);
+        const double radius = kBore + wall + kMouth * open * open * (3 - 2 * open);
         return about_z(radius, height, 2 * M_PI * v);
     };
     return loft_surface(loft, triangles);

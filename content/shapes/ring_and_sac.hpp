@@ -8,7 +8,8 @@ namespace trocar {
 // European Hernia Society's classification of groin hernias, Miserez et al. 2007). Closed.
 Mesh make_ring(uint32_t triangles);
 
-// Cannula of a 10 mm trocar: hollow cylinder, bore 10 mm, wall 1 mm, 60 mm long, centred. Closed, one handle.
+// Cannula of a 10 mm trocar: hollow cylinder, bore 10 mm, wall 1 mm, 60 mm long, centred; over the last 12 mm towards +z it opens
+// smoothly to 20 mm, as the funnel of an introducer does. Closed, one handle.
 Mesh make_cannula(uint32_t triangles);
 
 // Peritoneal sac of a hernia: pouch of 40 mm width and 50 mm depth, its round end -z, its neck in z = 0 bent outwards with a

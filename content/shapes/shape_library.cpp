@@ -173,7 +173,7 @@ constexpr std::array<Recipe, 22> kRecipes{{
     {"scissor_blade", 100, of_steel<make_scissor_blade>, "one blade, 21 mm, flat side y = 0, edge +x; tip +z"},
     {"needle", 200, of_steel<make_needle>, "half-circle suture needle, 26 mm long, 0.66 mm thick; in z = 0, point -x"},
     {"tacker", 500, of_steel<make_tacker>, "tacker tube of 5 mm with a spiral tack half out of it; rim at z = 0, +z"},
-    {"cannula", 200, clear_cannula, "tube of a 10 mm trocar, 60 mm long, wall 1 mm, clear; along z, centred"},
+    {"cannula", 200, clear_cannula, "clear tube of a 10 mm trocar, 60 mm long, wall 1 mm, a funnel of 20 mm at +z; centred"},
     {"ring", 100, textured_ring, "torus of 24 mm bore, 8 mm thick, in z = 0; centred"},
     {"sac", 200, textured_sac, "open sheet: pouch of 40 x 50 mm, round end -z, its neck bent outwards in z = 0"},
     {"sphere", 20, textured_sphere, "sphere of diameter 1 m, centred"},

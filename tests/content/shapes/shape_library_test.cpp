@@ -36,7 +36,7 @@ Known known_of(const std::string& name) {
     if (name == "grasper_jaw") return {1, 2, false, 5, 7, 40};
     if (name == "scissor_blade") return {1, 2, false, 10, 15, 40};
     if (name == "ring") return {1, 0, false};
-    if (name == "cannula") return {1, 0, false, 15, 20, 40};
+    if (name == "cannula") return {1, 0, false, 15, 20, 37};  // rows widen along its funnel
     if (name == "needle") return {1, 2, false, 3, 25, 50};
     if (name == "tacker") return {2, 4, false, 7, 20, 50};
     return {};
