@@ -182,6 +182,28 @@ Mesh make_box(uint32_t triangles) {
     return mesh;
 }
 
+Mesh make_sheet(uint32_t triangles) {
+    const uint32_t n = std::max(1u, static_cast<uint32_t>(std::lround(std::sqrt(triangles / 2.0))));
+    Mesh mesh;
+    for (uint32_t j = 0; j <= n; ++j)
+        for (uint32_t i = 0; i <= n; ++i) mesh.position.push_back({double(i) / n - 0.5, double(j) / n - 0.5, 0});
+    for (uint32_t j = 0; j < n; ++j) {
+        for (uint32_t i = 0; i < n; ++i) {
+            const uint32_t a = j * (n + 1) + i, c = a + n + 2;
+            // alternate diagonals, so that the sheet has no preferred direction
+            if ((i + j) % 2 == 0) {
+                mesh.triangle.push_back({a, a + 1, c});
+                mesh.triangle.push_back({a, c, c - 1});
+            } else {
+                mesh.triangle.push_back({a, a + 1, c - 1});
+                mesh.triangle.push_back({a + 1, c, c - 1});
+            }
+        }
+    }
+    project_uv(0.25, mesh);
+    return mesh;
+}
+
 Mesh make_table(uint32_t triangles) {
     const Vec3d size(0.6, 0.6, 0.02);
     std::array<uint32_t, 3> cells{1, 1, 1};

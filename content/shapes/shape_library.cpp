@@ -9,6 +9,7 @@
 #include "content/mend/smoothing.hpp"
 #include "content/shapes/instrument_shapes.hpp"
 #include "content/shapes/plain_shapes.hpp"
+#include "content/shapes/ring_and_sac.hpp"
 #include "content/shapes/surface_texture.hpp"
 #include "content/shapes/tube_organs.hpp"
 #include "content/shapes/wall_and_mesh.hpp"
@@ -126,8 +127,27 @@ Mesh of_steel(uint32_t triangles, uint64_t seed, Looks looks) {
     return mesh;
 }
 
+Mesh textured_sac(uint32_t triangles, uint64_t seed, Looks looks) {
+    return with_material(make_sac(triangles),
+                         surface_material("peritoneum", {0.38f, 0.36f, 0.35f}, 0.5f, painted(looks, paint_peritoneum, seed)));
+}
+
+Mesh textured_ring(uint32_t triangles, uint64_t seed, Looks looks) {
+    return with_material(make_ring(triangles), surface_material("fascia", {0.25f, 0.24f, 0.23f}, 0.35f, painted(looks, paint_fascia, seed)));
+}
+
+Mesh clear_cannula(uint32_t triangles, uint64_t, Looks) {
+    Material plastic = plain_material("clear plastic", {0.55f, 0.68f, 0.78f}, 0.5f, 0.6f);
+    plastic.transparency = 0.7f;
+    return with_material(make_cannula(triangles), std::move(plastic));
+}
+
 Mesh textured_box(uint32_t triangles, uint64_t, Looks) {
     return with_material(make_box(triangles), plain_material("box", {0.65f, 0.62f, 0.55f}, 0.1f, 0.2f));
+}
+
+Mesh textured_sheet(uint32_t triangles, uint64_t, Looks) {
+    return with_material(make_sheet(triangles), plain_material("sheet", {0.80f, 0.84f, 0.90f}, 0.1f, 0.2f));
 }
 
 Mesh textured_sphere(uint32_t triangles, uint64_t, Looks) {
@@ -138,7 +158,7 @@ Mesh textured_table(uint32_t triangles, uint64_t seed, Looks looks) {
     return with_material(make_table(triangles), surface_material("drape", {0.04f, 0.04f, 0.04f}, 0.1f, painted(looks, paint_drape, seed)));
 }
 
-constexpr std::array<Recipe, 18> kRecipes{{
+constexpr std::array<Recipe, 22> kRecipes{{
     {"liver", 100, make_liver, "human liver, 0.21 x 0.15 x 0.12 m; right lobe -x, head +y, belly +z; centred"},
     {"kidney", 100, make_kidney, "human kidney, 0.11 x 0.06 x 0.045 m; poles along x, hilum -y; centred"},
     {"gallbladder", 200, textured_gallbladder, "human gallbladder with neck and stump of the duct; fundus -y, belly +z"},
@@ -153,8 +173,12 @@ constexpr std::array<Recipe, 18> kRecipes{{
     {"scissor_blade", 100, of_steel<make_scissor_blade>, "one blade, 21 mm, flat side y = 0, edge +x; tip +z"},
     {"needle", 200, of_steel<make_needle>, "half-circle suture needle, 26 mm long, 0.66 mm thick; in z = 0, point -x"},
     {"tacker", 500, of_steel<make_tacker>, "tacker tube of 5 mm with a spiral tack half out of it; rim at z = 0, +z"},
+    {"cannula", 200, clear_cannula, "clear tube of a 10 mm trocar, 60 mm long, wall 1 mm, a funnel of 20 mm at +z; centred"},
+    {"ring", 100, textured_ring, "torus of 24 mm bore, 8 mm thick, in z = 0; centred"},
+    {"sac", 200, textured_sac, "open sheet: pouch of 40 x 50 mm, round end -z, its neck bent outwards in z = 0"},
     {"sphere", 20, textured_sphere, "sphere of diameter 1 m, centred"},
     {"box", 12, textured_box, "cube of 1 m, centred"},
+    {"sheet", 50, textured_sheet, "open sheet: square of 1 m in z = 0, facing +z, centred"},
     {"table", 12, textured_table, "draped slab, 0.6 x 0.6 x 0.02 m, thin along z, centred"},
     {"plane", 12, textured_table, "another name for table"},
 }};

@@ -255,7 +255,57 @@ void search_leaves(uint32_t leaves, std::vector<std::vector<uint64_t>>& part, st
     for (uint32_t chunk = 0; chunk < chunks; ++chunk) all.insert(all.end(), part[chunk].begin(), part[chunk].end());
 }
 
+constexpr float kAbove = 0.5f;        // share of a vertex' distance by which it is off the plane of a triangle that it faces
+constexpr float kLeastSine2 = 0.0024f;  // of edges that face each other: a little below 0.05^2
+
+// Points of up to eight pairs. at(pair): the vertex.
+template <typename At>
+EightPoints gather_points(const Float4* position, std::span<const uint64_t> pairs, const std::array<float, 3>& shift, const At& at) {
+    std::array<std::array<float, kWidth>, 3> lanes;
+    for (uint32_t lane = 0; lane < kWidth; ++lane) {
+        const Float4& p = position[at(pairs[std::min<size_t>(lane, pairs.size() - 1)])];
+        lanes[0][lane] = p.x, lanes[1][lane] = p.y, lanes[2][lane] = p.z;
+    }
+    return {load_lanes(lanes[0]) + lanes_of(shift[0]), load_lanes(lanes[1]) + lanes_of(shift[1]), load_lanes(lanes[2]) + lanes_of(shift[2])};
+}
+uint32_t first_of(uint64_t pair) { return static_cast<uint32_t>(pair >> 32); }
+uint32_t second_of(uint64_t pair) { return static_cast<uint32_t>(pair); }
+uint32_t lanes_in_use(size_t pairs) { return (1u << pairs) - 1; }
+
 }  // namespace
+
+uint32_t facing_vertices(const FacingSurfaces& s, std::span<const uint64_t> pairs, float reach) {
+    const float wrong = kErrorOfDistance * s.longest, most = reach + wrong;
+    const EightPoints p = gather_points(s.position, pairs, {}, first_of);
+    EightTriangles t;
+    for (size_t k = 0; k < 3; ++k)
+        t.corner[k] = gather_points(s.other_position, pairs, s.shift, [&](uint64_t pair) { return s.triangle[second_of(pair)][k]; });
+    const auto& [a, b, c] = t.corner;
+    const EightPoints normal = cross(b - a, c - a);
+    const Vec8f longest2 = greatest(greatest(norm2(b - a), norm2(c - b)), norm2(a - c)), area2 = norm2(normal);
+    const Vec8f distance2 = to_triangles(p, t), off = dot(normal, p - a) / square_roots(greatest(area2, lanes_of(1e-30f)));
+    const Vec8f height = greatest(off, -off) + lanes_of(2 * wrong), flat = lanes_of(kFlatArea) * longest2 * longest2;
+    const Mask8 faces = (height * height >= lanes_of(kAbove * kAbove) * distance2) | !(area2 > flat);
+    return mask_bits(faces & (distance2 < lanes_of(most * most))) & lanes_in_use(pairs.size());
+}
+
+uint32_t facing_edges(const FacingSurfaces& s, std::span<const uint64_t> pairs, float reach) {
+    const float wrong = kErrorOfDistance * s.longest;
+    const auto mine = [&](size_t k) { return gather_points(s.position, pairs, {}, [&](uint64_t pair) { return s.edge[first_of(pair)][k]; }); };
+    const auto theirs = [&](size_t k) {
+        return gather_points(s.other_position, pairs, s.shift, [&](uint64_t pair) { return s.other_edge[second_of(pair)][k]; });
+    };
+    const EightPoints p = mine(0), u = mine(1) - p, q = theirs(0), v = theirs(1) - q, across = cross(u, v), apart = q - p;
+    const Vec8f u2 = norm2(u), v2 = norm2(v), sine2 = norm2(across), sine = square_roots(sine2), height = dot(across, apart);
+    // along either edge, times its length and the squared sine: within it but for what is wrong
+    const auto within = [&](const EightPoints& other, Vec8f length2) {
+        const Vec8f length = square_roots(length2), at = dot(cross(apart, other), across) * length, edge = lanes_of(wrong) * sine2;
+        return (at >= -edge) & (at <= length * sine2 + edge);
+    };
+    const Mask8 faces = (sine2 > lanes_of(kLeastSine2) * u2 * v2) & within(v, u2) & within(u, v2) &
+                        (greatest(height, -height) < lanes_of(reach + wrong) * sine);
+    return mask_bits(faces) & lanes_in_use(pairs.size());
+}
 
 void build_feature_trees(const MeshView& mesh, const Float4* position, FeatureTrees& trees) {
     const auto leaves_of = [](size_t count) { return static_cast<uint32_t>((count + kWidth - 1) / kWidth); };

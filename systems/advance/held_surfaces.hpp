@@ -4,6 +4,7 @@
 #include "components/report.hpp"
 #include "components/self_contact.hpp"
 #include "engine/mesh/crossing_faces.hpp"
+#include "engine/mesh/near_features.hpp"
 #include "engine/mesh/surfaces.hpp"
 #include "engine/tissue/body_energy.hpp"
 namespace trocar {
@@ -12,8 +13,13 @@ struct HeldSurfacesScratch {
     CrossingFacesScratch crossing;
     std::vector<uint32_t> faces;   // that cross
     std::vector<Float4> reached;   // m, of the body's particles at the end of the pass
+    std::array<std::vector<float>, 3> velocity;  // m/s, at the end of the pass
     std::vector<uint8_t> held;     // per vertex
     std::vector<uint32_t> vertex;  // those held, in the order found
+    FeatureTrees trees;            // of the start of the pass
+    NearFeatures near;
+    std::vector<float> free_path;  // m, per particle: farther than this from the others it may meet another part
+    std::vector<float> share;      // per particle, of its displacement that it keeps
     BodyEnergyScratch energy;
 };
 
@@ -30,10 +36,16 @@ struct HeldSurfacesState {
 // Holds back what would cross itself. Promise: a surface that crossed itself nowhere at the start of a pass (count_crossing_faces, exact)
 // does not at its end. Proof: the positions that are left at the end have been counted, and crossed nowhere, or are those of the start.
 //
-// The vertices of crossing faces and of those around them go back to where they were, all displaced by their mean displacement, so
-// that they go along with what carries them; where that still crosses, more are added, ring by ring, and in the end all vertices
-// of the body, without displacement; these also if holding a part would add energy by stretching what is around it. They get their mean
-// velocity, which keeps momentum, or none if one is fixed; the energy that is lost is booked as work_numeric. A surface that crossed itself at the start is left to its contacts.
+// The vertices of crossing faces and of those around them keep as much of their displacement, relative to the mean of all that are held,
+// as leaves them within their free path: 0.49 of the distance, at the start of the pass, to the nearest part of the surface that shares no
+// vertex with what they are a corner of. Where that still crosses, more are held, ring by ring, and in the end all vertices of the body.
+// Then nothing can have met: two surfaces first meet where a vertex comes to a triangle or an edge to an edge without a common
+// vertex, all points of one of the two have moved by less than 0.49 of their distance, and so have those of the other. What is held
+// goes on from pass to pass, however near. (Bounds per vertex as in offset geometric contact: Chen, Hsu, Liu, Macklin, Yang and Yuksel,
+// 2025.) Positions in floats, folded flat to their rounding, may miss that: then, or if
+// holding a part would add energy by stretching what is around it, all goes back to where it started.
+// Velocities relative to the mean of what is held keep the same share, which keeps momentum unless one is fixed; the energy that is lost is
+// booked as work_numeric. A surface that crossed itself at the start is left to its contacts.
 void hold_surfaces(const SelfContactStart& start, const Meshes& meshes, const EnergyInputs& inputs, bool account_energy,
                    HeldSurfacesScratch& scratch, HeldSurfacesState state);
 

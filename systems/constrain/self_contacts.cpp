@@ -1,6 +1,7 @@
 #include "systems/constrain/self_contacts.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "engine/contact/contact_constraints.hpp"
@@ -18,7 +19,7 @@ constexpr double kCrossing = 0.05;     // sine between edges whose contact is no
 constexpr double kBeside = 1e-3;       // cosine, by which the nearest point may be beside a feature
 constexpr double kDeepestWarm = 5e-5;   // m, deeper contacts get no warm start: see contact_memory.cpp
 constexpr double kLeastGap = 1e-9;      // m, of vertices that coincide at rest
-constexpr uint32_t kMeasuredPerChunk = 256;
+constexpr uint32_t kMeasuredPerChunk = 2048;  // pairs, mostly not near ones
 
 // One body or two whose parts may touch, at present.
 struct NearSurfaces {
@@ -362,18 +363,45 @@ NearSurfaces surfaces_near(const SelfContactPass& pass, uint32_t body, uint32_t 
     return n;
 }
 
-// Measures what a look found, in its order.
-void measure(const NearSurfaces& n, const NearFeatures& near, const SelfContacts& before, Range of_pair,
-             std::vector<SelfContactPair>& measured) {
-    const auto vertices = static_cast<uint32_t>(near.vertex_triangle.size()), all = vertices + static_cast<uint32_t>(near.edge_edge.size());
-    measured.resize(all);
-    parallel_for(all, kMeasuredPerChunk, [&](uint32_t begin, uint32_t end) {
-        for (uint32_t i = begin; i < end; ++i) {
-            const uint64_t key = i < vertices ? near.vertex_triangle[i] : near.edge_edge[i - vertices];
+FacingSurfaces facing(const NearSurfaces& n, const FeatureTrees& trees, const FeatureTrees& other_trees) {
+    const auto shift = [&](int k) { return static_cast<float>(n.shift[k]); };
+    return {n.other_mesh.triangle, n.mesh.edge,  n.other_mesh.edge, n.position, n.other_position, {shift(0), shift(1), shift(2)},
+            std::max(trees.longest, other_trees.longest)};
+}
+
+// Measures what a look found, in its order: those that face each other at present; the others are not kept.
+void measure_chunk(const NearSurfaces& n, const FacingSurfaces& surfaces, const SelfContacts& before, Range of_pair,
+                   std::span<const uint64_t> found, bool edges, std::vector<SelfContactPair>& near) {
+    const auto reach = static_cast<float>(n.reach);
+    for (size_t i = 0; i < found.size(); i += 8) {
+        const std::span<const uint64_t> eight = found.subspan(i, std::min<size_t>(8, found.size() - i));
+        for (uint32_t lanes = edges ? facing_edges(surfaces, eight, reach) : facing_vertices(surfaces, eight, reach); lanes != 0;
+             lanes &= lanes - 1) {
+            const uint64_t key = eight[static_cast<size_t>(std::countr_zero(lanes))];
             const auto first = static_cast<uint32_t>(key >> 32), second = static_cast<uint32_t>(key);
-            measured[i] = i < vertices ? measure_vertex(n, before, of_pair, first, second) : measure_edges(n, before, of_pair, first, second);
+            const SelfContactPair pair =
+                edges ? measure_edges(n, before, of_pair, first, second) : measure_vertex(n, before, of_pair, first, second);
+            if (pair.kept) near.push_back(pair);
+        }
+    }
+}
+// Returns the number of chunks.
+uint32_t measure(const NearSurfaces& n, const NearFeatures& near, const FacingSurfaces& surfaces, const SelfContacts& before, Range of_pair,
+                 std::vector<std::vector<SelfContactPair>>& measured) {
+    const uint32_t vertex_chunks = chunk_count(static_cast<uint32_t>(near.vertex_triangle.size()), kMeasuredPerChunk),
+                   chunks = vertex_chunks + chunk_count(static_cast<uint32_t>(near.edge_edge.size()), kMeasuredPerChunk);
+    if (measured.size() < chunks) measured.resize(chunks);
+    parallel_for(chunks, 1, [&](uint32_t begin, uint32_t end) {
+        for (uint32_t chunk = begin; chunk < end; ++chunk) {
+            measured[chunk].clear();
+            const bool edges = chunk >= vertex_chunks;
+            const std::span<const uint64_t> all = edges ? near.edge_edge : near.vertex_triangle;
+            const size_t first = size_t{kMeasuredPerChunk} * (edges ? chunk - vertex_chunks : chunk);
+            measure_chunk(n, surfaces, before, of_pair, all.subspan(first, std::min<size_t>(kMeasuredPerChunk, all.size() - first)), edges,
+                          measured[chunk]);
         }
     });
+    return chunks;
 }
 
 void keep_as_they_are(const SelfContacts& before, Range of_pair, SelfContacts& contacts) {
@@ -409,21 +437,25 @@ void find_self_contacts(const SelfContactPass& pass, SelfContactScratch& scratch
         }
         const NearSurfaces n = surfaces_near(pass, body, other, report);
         look(n, kLookAhead * std::max(n.mesh.info->mean_edge, n.other_mesh.info->mean_edge), scratch, scratch.look[i]);
-        measure(n, scratch.look[i].near, before, of_pair, scratch.measured);
+        const uint32_t chunks = measure(n, scratch.look[i].near, facing(n, scratch.trees[body], scratch.trees[other]), before, of_pair,
+                                        scratch.measured);
+        const auto measured = std::span(scratch.measured).first(chunks);
         const uint32_t first = static_cast<uint32_t>(constraints.body.size());
-        const auto acting = std::ranges::count_if(scratch.measured, [](const SelfContactPair& p) { return p.acts; });
+        uint32_t acting = 0;
+        for (const auto& chunk : measured)
+            acting += static_cast<uint32_t>(std::ranges::count_if(chunk, [](const SelfContactPair& p) { return p.acts; }));
         resize_constraints(constraints, first + acting);
         constraints.warm_start.resize(first + acting, Vec3d::Zero());
         constraints.gap.resize(first + acting, 0);
         uint32_t next = first;
-        for (const SelfContactPair& pair : scratch.measured) {
-            if (!pair.kept) continue;
-            append_pair(body, other, pair, contacts);
-            report.turned_sides += pair.acts && pair.turned;
-            if (!pair.acts) continue;
-            contacts.constraint.back() = next;
-            write_constraint(bodies, body, other, pair, next++, constraints);
-        }
+        for (const auto& chunk : measured)
+            for (const SelfContactPair& pair : chunk) {
+                append_pair(body, other, pair, contacts);
+                report.turned_sides += pair.acts && pair.turned;
+                if (!pair.acts) continue;
+                contacts.constraint.back() = next;
+                write_constraint(bodies, body, other, pair, next++, constraints);
+            }
         report.self_contacts += next - first;
     }
 }

@@ -34,7 +34,7 @@ struct SelfContactScratch {
     std::vector<SelfContactLook> look;          // as pair
     std::vector<FeatureTrees> trees;            // per body
     std::vector<Float4> moved;                  // m, of another sheet, from the origin of the first
-    std::vector<SelfContactPair> measured;
+    std::vector<std::vector<SelfContactPair>> measured;  // near ones, per chunk of what a look found
     SelfContacts before;
 };
 
