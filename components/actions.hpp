@@ -151,8 +151,8 @@ struct ToolGrasp {
     Vec3d impulse = Vec3d::Zero();  // N s, on the body, summed over the pass
     Vec3d moment = Vec3d::Zero();   // N m s, about the point
     double stored = 0;              // J, in the pads
-    double slipped = 0;             // m, way of the body between the jaws so far
-    double turned = 0;              // rad, likewise
+    double slipped = 0;             // m, how far the body has slid between the jaws so far
+    double turned = 0;              // rad, how far it has turned between them
     double largest_force = 0;       // N, mean over a pass, so far
     TROCAR_FIELDS(action, "index of actions", body, "index of bodies", group, point, "m", arm, "m", turn, impulse, "N s", moment, "N m s",
                   stored, "J", slipped, "m", turned, "rad", largest_force, "N");

@@ -199,6 +199,32 @@ TEST(RunWatch, NamesWhatIsLeftInside) {
     EXPECT_EQ(watch("gravity = [0, 0, 0]\n" + scene, 3, push_in).report.left_overlaps, 0u);
 }
 
+// Two balls that start half inside each other and may not be pushed apart fall asleep so: named at the end all the same, with the
+// depth that they have awake.
+TEST(RunWatch, NamesWhatSleepsInside) {
+    const auto balls = [](const std::string& keys) {
+        std::string text = keys + "gravity = [0, 0, 0]\n[contact]\npush_speed = 0.0\n";
+        for (const char* place : {"name = \"a\"\nposition = [0, 0, 0]", "name = \"b\"\nposition = [0.05, 0.003, 0.002]"})
+            text += std::string("[[body]]\n") + place +
+                    "\nshape = \"sphere\"\nsize = 0.1\ntriangles = 300\nmotion = \"deformable\"\nmodel = \"solid\"\ncells = 5\n"
+                    "[body.tissue]\nyoungs_modulus = 2e4\n";
+        return text;
+    };
+    uint32_t asleep = 0;
+    const Watched sleeping =
+        watch(balls(""), 90, [&](World& world, int) { asleep = is_asleep(world.sleep, 0) + is_asleep(world.sleep, 1); });
+    ASSERT_EQ(asleep, 2u);
+    const Watched awake = watch(balls("sleep_speed = 0\n"), 90, [](World&, int) {});
+    EXPECT_EQ(awake.report.left_overlaps, 1u);
+    EXPECT_EQ(sleeping.report.left_overlaps, 1u);
+    const auto depth = [](const Watched& w) {
+        const size_t at = w.warnings.find("are left ");
+        return at == std::string::npos ? 0 : std::stod(w.warnings.substr(at + 9));
+    };
+    EXPECT_GT(depth(awake), 20);
+    EXPECT_NEAR(depth(sleeping), depth(awake), 1) << sleeping.warnings << awake.warnings;
+}
+
 // A script that jumps below a box lifts it without work: the program says so, by name and number, and ends with 1.
 TEST(RunWatch, ARunOfEnergyFromNowhereEndsWithOne) {
     const auto lift = [](const std::string& jump) {

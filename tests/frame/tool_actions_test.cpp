@@ -183,22 +183,7 @@ TEST(ToolActions, TheAccountingOfAStapledMeshCloses) {
 // Any number of threads, and scratch thrown away between any two stages, give the same bits.
 TEST(ToolActions, SameBitsForThreadsAndWithoutScratch) {
     const WrittenScene scene("bits", stapling("kind = \"staple\"\nat = [0.05, 0.1]\npull_out = 0.05\n"));
-    const auto hash = [&](uint32_t threads, bool clear) {
-        uint64_t hash = 0;
-        ThreadPool pool(threads);
-        pool.run([&] {
-            FrameOptions options;
-            options.clear_scratch = clear;
-            Frame frame(std::move(scene.build().world), options);
-            for (int i = 0; i < 90; ++i) frame.step();
-            EXPECT_EQ(frame.world().action_state.progress[0].done, 2u);
-            hash = state_hash(frame.world());
-        });
-        return hash;
-    };
-    const uint64_t one = hash(1, false);
-    EXPECT_EQ(one, hash(3, false));
-    EXPECT_EQ(one, hash(1, true));
+    expect_same_bits(scene, 90, [](const Frame& frame) { EXPECT_EQ(frame.world().action_state.progress[0].done, 2u); });
 }
 
 TEST(ToolActions, WhatCannotBeDoneIsRefused) {

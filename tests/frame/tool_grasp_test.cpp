@@ -261,22 +261,7 @@ press = 0.3
 
 TEST(ToolGrasp, SameBitsForThreadsAndWithoutScratch) {
     const WrittenScene scene("grasp_bits", held_cube(0.02, 0.4, 0.5, 2e-3));
-    const auto hash = [&](uint32_t threads, bool clear) {
-        uint64_t hash = 0;
-        ThreadPool pool(threads);
-        pool.run([&] {
-            FrameOptions options;
-            options.clear_scratch = clear;
-            Frame frame(std::move(scene.build().world), options);
-            for (int i = 0; i < 60; ++i) frame.step();
-            EXPECT_EQ(frame.world().action_state.progress[0].done, 1u);
-            hash = state_hash(frame.world());
-        });
-        return hash;
-    };
-    const uint64_t one = hash(1, false);
-    EXPECT_EQ(one, hash(3, false));
-    EXPECT_EQ(one, hash(1, true));
+    expect_same_bits(scene, 60, [](const Frame& frame) { EXPECT_EQ(frame.world().action_state.progress[0].done, 1u); });
 }
 
 TEST(ToolGrasp, MissesAreCountedAndNonsenseRefused) {

@@ -182,22 +182,7 @@ TEST(ToolHeat, ATipCoagulatesWhatItTouches) {
 
 TEST(ToolHeat, SameBitsForThreadsAndWithoutScratch) {
     const WrittenScene scene("heat_bits", heated_cube("", "anchor = \"world\""));
-    const auto hash = [&](uint32_t threads, bool clear) {
-        uint64_t hash = 0;
-        ThreadPool pool(threads);
-        pool.run([&] {
-            FrameOptions options;
-            options.clear_scratch = clear;
-            Frame frame(std::move(scene.build().world), options);
-            for (int i = 0; i < 60; ++i) frame.step();
-            EXPECT_GT(frame.world().action_state.progress[0].heat, 1.0);
-            hash = state_hash(frame.world());
-        });
-        return hash;
-    };
-    const uint64_t one = hash(1, false);
-    EXPECT_EQ(one, hash(3, false));
-    EXPECT_EQ(one, hash(1, true));
+    expect_same_bits(scene, 60, [](const Frame& frame) { EXPECT_GT(frame.world().action_state.progress[0].heat, 1.0); });
 }
 
 TEST(ToolHeat, WhatCannotBeHeatedIsRefused) {

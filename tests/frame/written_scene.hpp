@@ -1,4 +1,5 @@
 #pragma once
+#include <gtest/gtest.h>
 #include <unistd.h>
 
 #include <filesystem>
@@ -48,6 +49,30 @@ void run(World world, int passes, const Look& look, uint32_t threads = 1) {
             look(frame, i);
         }
     });
+}
+
+// The state hash after some passes on so many threads, and with scratch thrown away between any two stages; look(Frame&) at the end.
+template <typename Look>
+uint64_t hash_of(const WrittenScene& scene, int passes, uint32_t threads, bool clear_scratch, const Look& look) {
+    uint64_t hash = 0;
+    ThreadPool pool(threads);
+    pool.run([&] {
+        FrameOptions options;
+        options.clear_scratch = clear_scratch;
+        Frame frame(std::move(scene.build().world), options);
+        for (int i = 0; i < passes; ++i) frame.step();
+        look(frame);
+        hash = state_hash(frame.world());
+    });
+    return hash;
+}
+
+// Any number of threads, and scratch thrown away between any two stages, give the same bits.
+template <typename Look>
+void expect_same_bits(const WrittenScene& scene, int passes, const Look& look) {
+    const uint64_t one = hash_of(scene, passes, 1, false, look);
+    EXPECT_EQ(one, hash_of(scene, passes, 3, false, look));
+    EXPECT_EQ(one, hash_of(scene, passes, 1, true, look));
 }
 
 }  // namespace trocar

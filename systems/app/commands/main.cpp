@@ -424,7 +424,7 @@ void add_fit(CLI::App& app, int& code) {
     fit->footer(
         "Example: trocar fit palpate --curve measured.csv --parameter liver.tissue.youngs_modulus=1e3..1e5\n"
         "Least squares by Levenberg and Marquardt in the logarithms of the parameters, starting in the middle of their ranges. The\n"
-        "95 % intervals hold for independent errors of equal size. Exit code 1 if the search does not converge.");
+        "95 % intervals hold for independent errors of equal size. Exit code 1 if the search does not converge or ends at a bound.");
 }
 
 void add_tune(CLI::App& app, int& code) {
@@ -439,6 +439,7 @@ void add_tune(CLI::App& app, int& code) {
         ->check(CLI::PositiveNumber);
     tune->add_option("--seconds", o->seconds, "Simulated time of a run, s (default: the scene's, at most 1)")->check(CLI::Range(1e-2, 1e6));
     tune->add_option("--out", o->out, "Scene to write, with the chosen keys and their figures (without the comments of the original)");
+    tune->add_flag("--exhaustive", o->exhaustive, "Try every combination instead, some thousand runs");
     tune->add_option("--trials", o->trials, "File that keeps every run: with it an interrupted search goes on");
     add_sets(tune, o->overrides, "KEY=VALUE, changes a key of the scene in every run; repeatable");
     tune->add_flag("--json", o->json, "JSON on standard output");

@@ -326,7 +326,6 @@ bool is_scene_graph(const std::string& file) {
 int scene_command(const SceneOptions& o) {
     const fs::path out = o.out;
     if (out.extension() != ".toml") throw InputError(o.out + ": the scene to write ends in .toml");
-    if (!out.parent_path().empty()) fs::create_directories(out.parent_path());
     int code = kDone;
     CommandPool pool(0);
     pool.run([&] {

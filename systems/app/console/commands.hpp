@@ -208,6 +208,7 @@ struct TuneOptions {
     double error_mm = 0.1;         // root mean square of the worst body against a finer run
     double seconds = 0;            // simulated; 0 = the scene's, at most 1
     std::filesystem::path out;     // .toml of the chosen settings; empty = none
+    bool exhaustive = false;       // every combination instead of one key at a time
     std::filesystem::path trials;  // file with which an interrupted search goes on; empty = none
     bool json = false;
 };

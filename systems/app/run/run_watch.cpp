@@ -5,6 +5,7 @@
 #include <limits>
 #include <utility>
 
+#include "engine/contact/sleeping_bodies.hpp"
 #include "engine/mesh/mass_properties.hpp"
 #include "engine/tissue/body_energy.hpp"
 #include "engine/tissue/tet_forces.hpp"
@@ -118,6 +119,9 @@ double noise_of(const World& w) {
     }
     return noise;
 }
+
+// Whether a body sleeps or never moves.
+bool rests(const World& w, uint32_t body) { return is_asleep(w.sleep, body) || w.bodies.motion[body] == Motion::kStatic; }
 
 // The body with the most energy of motion and deformation.
 uint32_t most_energetic(World& w) {
@@ -261,12 +265,18 @@ void RunWatch::count_crossings_at_end(World& w) {
 
 void RunWatch::follow_overlaps(const World& w) {
     const double push_before = std::exchange(push_, w.energy.work_push);
-    std::map<std::array<uint32_t, 2>, uint64_t> still;
+    const auto before = [&](uint32_t a, uint32_t b) {
+        return std::ranges::find(overlapping_, std::array<uint32_t, 2>{a, b}, &LastingOverlap::pair);
+    };
+    std::vector<LastingOverlap> still;
     for (const Overlap& o : overlaps(w, kLeftInside)) {
-        const std::array<uint32_t, 2> pair{o.a, o.b};
-        const auto before = overlapping_.find(pair);
-        still[pair] = before == overlapping_.end() ? w.clock.tick - w.clock.period : before->second;
+        const auto known = before(o.a, o.b);
+        still.push_back({{o.a, o.b}, o.depth, o.share, known == overlapping_.end() ? w.clock.tick - w.clock.period : known->since});
     }
+    // detection leaves out pairs that rest: they are as deep as when they fell asleep
+    for (const LastingOverlap& o : overlapping_)
+        if (rests(w, o.pair[0]) && rests(w, o.pair[1]) && std::ranges::find(still, o.pair, &LastingOverlap::pair) == still.end())
+            still.push_back(o);
     overlapping_ = std::move(still);
     if (parting_.empty()) return;
     budget_.parting += std::max(0.0, w.energy.work_push - push_before);
@@ -316,11 +326,10 @@ void RunWatch::warn_of_energy(World& w) {
 void RunWatch::finish(World& w) {
     if (!unearned_ && worst_unearned_ > kUnearned * budget_.entered()) warn_of_energy(w);
     std::vector<std::string> texts;
-    for (const Overlap& o : overlaps(w, kLeftInside)) {
-        const auto since = overlapping_.find({o.a, o.b});
-        if (since == overlapping_.end() || w.clock.tick - since->second < kLeftFor) continue;
-        texts.push_back(format("\"%s\" and \"%s\" are left %.3g mm inside each other, %.2g %% of the smaller one", name_of(w, o.a),
-                               name_of(w, o.b), 1e3 * o.depth, 100 * o.share));
+    for (const LastingOverlap& o : overlapping_) {
+        if (w.clock.tick - o.since < kLeftFor) continue;
+        texts.push_back(format("\"%s\" and \"%s\" are left %.3g mm inside each other, %.2g %% of the smaller one", name_of(w, o.pair[0]),
+                               name_of(w, o.pair[1]), 1e3 * o.depth, 100 * o.share));
     }
     w.report.left_overlaps = texts.size();
     if (!texts.empty()) warnings_.push_back(listed(texts));

@@ -1,6 +1,5 @@
 #pragma once
 #include <array>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -17,6 +16,13 @@ struct EnergyBudget {
     double hand = 0, links = 0;                              // J, the most so far
     double parting = 0;                                      // J
     double entered() const { return start + hand + links + parting + (start_gravity - least_gravity); }
+};
+
+// Two bodies that are inside each other.
+struct LastingOverlap {
+    std::array<uint32_t, 2> pair{};
+    double depth = 0, share = 0;  // m, of the smaller body's size
+    uint64_t since = 0;           // tick
 };
 
 // Looks after each pass for what a scene cannot mean or a simulation must not do: counts it in the world's report and
@@ -51,10 +57,10 @@ class RunWatch {
     std::vector<std::string> warnings_;
     std::string ruin_;
     EnergyBudget budget_;
-    std::map<std::array<uint32_t, 2>, uint64_t> overlapping_;  // pairs, and the tick since when
-    std::vector<std::array<uint32_t, 2>> parting_;             // pairs that started inside each other and still are
-    double push_ = 0, numeric_ = 0;                            // J, works after the last pass and picture
-    double worst_unearned_ = 0;                                // J
+    std::vector<LastingOverlap> overlapping_;
+    std::vector<std::array<uint32_t, 2>> parting_;  // pairs that started inside each other and still are
+    double push_ = 0, numeric_ = 0;                 // J, works after the last pass and picture
+    double worst_unearned_ = 0;                     // J
     std::string worst_text_;
     std::vector<uint8_t> inverted_;      // per body: warned of
     std::vector<uint8_t> passed_;        // per tool: warned of

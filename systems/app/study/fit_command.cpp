@@ -151,6 +151,7 @@ std::string to_text(const FitOptions& o, const std::vector<FitParameter>& parame
 
 int fit_command(const FitOptions& o) {
     const ForceCurve measured = read_curve(o.curve);
+    if (std::ranges::all_of(measured.force, [](double f) { return f == 0; })) throw InputError(o.curve.string() + ": has no force");
     std::vector<FitParameter> parameters;
     for (const std::string& text : o.parameters) parameters.push_back(parse_parameter(text));
     if (measured.at.size() <= parameters.size()) throw InputError(o.curve.string() + ": fewer points than parameters leave nothing to fit");
@@ -182,7 +183,8 @@ int fit_command(const FitOptions& o) {
         write_whole_file(o.out / "fit.json", answer.dump(2) + "\n");
     }
     write_standard_output(o.json ? answer.dump() + "\n" : to_text(o, parameters, fit, largest, trials.file().made()));
-    return fit.converged ? kDone : kNo;
+    const bool inside = std::ranges::none_of(fit.parameter, &Fitted::at_bound);
+    return fit.converged && inside ? kDone : kNo;
 }
 
 }  // namespace trocar

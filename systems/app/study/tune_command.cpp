@@ -115,18 +115,20 @@ class Tuner {
  public:
     Tuner(const TuneOptions& o, TrialFile& file, double seconds) : o_(o), file_(file), seconds_(seconds), path_(find_scene(o.scene)) {}
 
-    // The best choice: the cheapest that keeps both limits, else the most accurate within the budget, else the cheapest.
+    // The best choice: the cheapest that keeps both limits, else the most accurate within the budget, else the cheapest. What makes no
+    // difference is left as the scene has it.
     Tried search() {
         Tried best = tried({});
+        if (o_.exhaustive) return every(best);
         for (bool better = true; better;) {
             better = false;
             for (size_t k = 0; k < std::size(kKnobs); ++k)
-                for (size_t v = 0; v < kKnobs[k].values.size(); ++v) {
-                    Choice c = best.choice;
-                    if (std::exchange(c[k], v) == v) continue;
-                    const Tried t = tried(c);
-                    if (is_better(t, best)) best = t, better = true;
-                }
+                for (size_t v = 0; v < kKnobs[k].values.size(); ++v) better = take_if_better(k, v, best) || better;
+        }
+        for (size_t k = 0; k < std::size(kKnobs); ++k) {
+            Choice plain = best.choice;
+            if (std::exchange(plain[k], 0) == 0) continue;
+            if (const Tried t = tried(plain); !is_better(best, t)) best = t;
         }
         return best;
     }
@@ -142,6 +144,23 @@ class Tuner {
     }
 
  private:
+    bool take_if_better(size_t knob, size_t value, Tried& best) {
+        Choice c = best.choice;
+        if (std::exchange(c[knob], value) == value) return false;
+        const Tried t = tried(c);
+        const bool better = is_better(t, best);
+        if (better) best = t;
+        return better;
+    }
+    Tried every(Tried best) {
+        Choice c{};
+        for (bool more = true; more;) {
+            if (const Tried t = tried(c); is_better(t, best)) best = t;
+            more = false;
+            for (size_t k = 0; k < c.size() && !more; ++k) more = ++c[k] < kKnobs[k].values.size() || (c[k] = 0, false);
+        }
+        return best;
+    }
     bool is_better(const Tried& a, const Tried& b) const {
         if (keeps(a) != keeps(b)) return keeps(a);
         if (keeps(a)) return a.milliseconds < (1 - kNoise) * b.milliseconds;
