@@ -11,7 +11,7 @@ usage: ./trocar.sh COMMAND
   test   install what is missing, build, run every test but the long ones
   long   build, run the long tests (sweeps, 10,000-frame books)
   debug  build for debuggers with the library's assertions, run the unit tests
-  asan   build with address and undefined-behaviour sanitizers, run the unit tests: ./trocar.sh asan [arguments of ctest]
+  asan   build with address and undefined-behaviour sanitizers, run the unit tests: ./trocar.sh asan [short] [arguments of ctest]
   tsan   build with the thread sanitizer, run the live tests and a live run
   fuzz   build with sanitizers, damage every kind of input for 10 minutes each: ./trocar.sh fuzz [MINUTES [ENDING...]];
          or run random scenes and judge their physics: ./trocar.sh fuzz physics [MINUTES [SEED]], findings in out/fuzz/
@@ -77,7 +77,10 @@ case "${1:-}" in
         build/release/bench/trocar_bench "${@:2}"
         ;;
     debug) build debug; run_tests debug -L unit ;;
-    asan) build asan; run_tests asan -L unit "${@:2}" ;;
+    asan)
+        if [ "${2:-}" = short ]; then build asan short_tests; run_tests asan -L unit -LE slow "${@:3}"; exit; fi
+        build asan; run_tests asan -L unit "${@:2}"
+        ;;
     fuzz)
         if [ "${2:-}" = physics ]; then
             build release trocar_fuzz

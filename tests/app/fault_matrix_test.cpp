@@ -91,7 +91,7 @@ TEST(FaultMatrix, RefusedMemoryIsOneLineNeverACrash) {
         return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
     };
     int refused = 0, served = 0;
-    for (int mib = 64; mib < 1200 && served < 1; mib += mib < 240 ? 6 : 64) {
+    for (int mib = 64; mib < 1200 && served < 1; mib += mib < 240 ? 13 : 64) {
         const int code = limited(mib);
         std::ifstream err(folder / "err");
         std::string text{std::istreambuf_iterator<char>(err), {}};

@@ -87,14 +87,13 @@ class Determinism : public testing::TestWithParam<std::string> {};
 
 TEST_P(Determinism, SameHashForAnyThreadsOrderInstructionSetAndCaches) {
     const uint64_t reference = run_scene(GetParam(), {1, true, false, false, 90});
-    for (const uint32_t threads : {1u, 2u, 3u, 4u, 8u}) {
-        if (kSanitized && threads != 2 && threads != 8) continue;
-        EXPECT_EQ(run_scene(GetParam(), {threads, false, false, false, 90}), reference) << threads << " threads";
+    EXPECT_EQ(run_scene(GetParam(), {2, false, false, false, 90}), reference) << "2 threads";
+    EXPECT_EQ(run_scene(GetParam(), {8, false, true, false, 90}), reference) << "8 threads, caches cleared";
+    if (!kSanitized) {
+        EXPECT_EQ(run_scene(GetParam(), {3, false, false, false, 90, true}), reference) << "3 threads, rtcPointQuery";
+        EXPECT_EQ(run_scene(GetParam(), {2, true, false, false, 90}), reference) << "serial list on two threads";
     }
-    EXPECT_EQ(run_scene(GetParam(), {2, true, false, false, 90}), reference) << "serial list on two threads";
-    EXPECT_EQ(run_scene(GetParam(), {1, false, true, false, 90}), reference) << "caches cleared";
-    EXPECT_EQ(run_scene(GetParam(), {1, false, false, false, 90, true}), reference) << "rtcPointQuery";
-    EXPECT_EQ(run_scene(GetParam(), {2, false, false, false, 90, false, true}), reference) << "signs cross-checked";
+    EXPECT_EQ(run_scene(GetParam(), {4, false, false, false, 90, false, true}), reference) << "4 threads, signs cross-checked";
     if (isa() == Isa::kAvx512) {
         EXPECT_EQ(run_scene(GetParam(), {1, false, false, true, 90}), reference) << "AVX2 kernels";
     }
