@@ -18,6 +18,7 @@ usage: ./trocar.sh COMMAND
   bench  build the bench program and run one of its suites: ./trocar.sh bench content [arguments]
   package  build Debian packages (libtrocar0, libtrocar-dev, trocar, python3-trocar) and a Python wheel into out/packages/ and
          try them: contents, the wheel in a folder of its own; `package chroot`: also the .debs in a bare Debian made by debootstrap
+  docs   build the documentation site into out/docs/site: pages, a picture of every scene, the interfaces of C and Python
   build  install what is missing, build
 TXT
 }
@@ -65,8 +66,43 @@ run_tests() {  # preset label
     step "done"
 }
 
+# The site's sources are put together in one folder: links of README.md lead from the root, those of docs/ from there.
+make_docs() {
+    local source=out/docs/source
+    mkdir -p "$source" out/docs/doxygen
+    step "drawing every scene"
+    python3 docs/site/gallery.py build/release/trocar content/scenes out/docs/gallery
+    cp docs/*.md docs/*.png docs/*.c docs/site/*.md out/docs/gallery/* "$source"
+    sed 's,](docs/,](,g; s,^# Trocar$,# Overview,' README.md >"$source/readme.md"
+    # the site has no sources: what leads to them stays as text
+    sed -i -E 's,\[([^]]*)\]\((\.\./|systems/|components/|content/)[^)]*\),\1,g' "$source"/*.md
+    step "reading the interfaces"
+    doxygen - <<'TXT' >out/docs/doxygen.log
+QUIET = YES
+GENERATE_HTML = NO
+GENERATE_LATEX = NO
+GENERATE_XML = YES
+OUTPUT_DIRECTORY = out/docs/doxygen
+INPUT = systems/app/interface/trocar/trocar.h
+OPTIMIZE_OUTPUT_FOR_C = YES
+JAVADOC_AUTOBRIEF = YES
+EXTRACT_ALL = YES
+MACRO_EXPANSION = YES
+INPUT_FILTER = "sed -E '1s,/[*] ,/** @file trocar.h @brief ,; /[*] ----/b; s,^( *)/[*] ,\1/** ,; t; s,([^ ].*)/[*] ,\1/**< ,'"
+TXT
+    step "writing the pages"
+    TROCAR_SOURCE=$PWD TROCAR_DOXYGEN=$PWD/out/docs/doxygen/xml TROCAR_LIBRARY=$PWD/build/release/libtrocar.so.0 \
+        python3 -m sphinx -q -W --keep-going -c docs/site "$source" out/docs/site
+    step "done: open out/docs/site/index.html"
+}
+
 case "${1:-}" in
     build) build release ;;
+    docs)
+        build release programs trocar_c
+        install_packages python3 doxygen python3-sphinx python3-myst-parser python3-breathe
+        make_docs
+        ;;
     test) build release; run_tests release -LE long ;;
     long) build release; run_tests release -L long ;;
     bench)

@@ -1,5 +1,7 @@
 """Trocar: virtual surgery with exact contact, deforming tissue and haptic forces.
 
+A first program::
+
     import trocar
     with trocar.Sim("probe_on_liver", set={"liver.tissue.youngs_modulus": 2e4}) as sim:
         sim.step(60)
