@@ -61,9 +61,9 @@ std::vector<std::vector<ToolForces>> forces_in(const std::string& name, const st
     return passes;
 }
 
-std::string tool_text(const std::string& body, double radius, int dof, const Vec3d& start, const std::string& path) {
-    return text_of("[[body]]\nname = \"", body, "\"\nshape = \"sphere\"\nsize = ", 2 * radius,
-                   "\ntriangles = 320\nmotion = \"hand\"\nmass = 0.05\nposition = [", start.x(), ", ", start.y(), ", ", start.z(),
+std::string tool_text(const std::string& body, double radius, int dof, const Vec3d& start, const std::string& path, int triangles = 320) {
+    return text_of("[[body]]\nname = \"", body, "\"\nshape = \"sphere\"\nsize = ", 2 * radius, "\ntriangles = ", triangles,
+                   "\nmotion = \"hand\"\nmass = 0.05\nposition = [", start.x(), ", ", start.y(), ", ", start.z(),
                    "]\n[[tool]]\nbody = \"", body, "\"\ndof = ", dof, "\ntip_radius = ", radius,
                    "\nstiffness = 500\ndamping = 5\nmax_force = 20\nfriction = 0.1\npath = [", path, "]\n");
 }
@@ -114,7 +114,7 @@ Press any_press(uint32_t seed, bool large) {
                          "\nmotion = \"deformable\"\nfixed_below = ", low + 0.3 * (high - low), solid ? "\nmodel = \"solid\"" : "",
                          "\n[body.tissue]\nyoungs_modulus = ", modulus, "\ndensity = 1060\ndamping = 60\n",
                          solid ? "" : "wall = 8e-3\ndepth = 0.05\n") +
-                 tool_text("needle", tip, 3, above, key(0, above) + ", " + key(arrival, below) + ", " + key(press.seconds, below));
+                 tool_text("needle", tip, 3, above, key(0, above) + ", " + key(arrival, below) + ", " + key(press.seconds, below), 5120);
     return press;
 }
 
@@ -143,15 +143,18 @@ PressErrors press_at_random(uint32_t first, uint32_t count, bool large) {
     return errors;
 }
 
+// The tip's mesh is fine: of 320 triangles, its facets lie up to 1.5 % of the radius inside the ball that the hand feels, and forces
+// differ by up to 10 % (stiffness times that depth).
 TEST(RandomPresses, TheHandFeelsTheTissueWhateverTheTip) {
     const PressErrors e = press_at_random(100, 8, false);
     EXPECT_EQ(e.lost, 0u);
-    EXPECT_LE(e.off, 2u);
+    EXPECT_EQ(e.off, 0u);
 }
+// One of them, a needle of 0.26 mm at 0.43 m/s in a coarse solid, turns tetrahedra inside out and never comes to rest.
 TEST(LongRandomPresses, TheHandFeelsTheTissueWhateverTheTip) {
     const PressErrors e = press_at_random(100, 24, false);
     EXPECT_EQ(e.lost, 0u);
-    EXPECT_LE(e.off, 6u);
+    EXPECT_LE(e.off, 1u);
 }
 
 // ---- bodies that pass a still tool ----
