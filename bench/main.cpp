@@ -29,6 +29,9 @@ constexpr Suite kSuites[] = {
     {"haptics", haptics_suite,
      "forces on replayed paths, slow simulations, stability, faults, ticks, live ticks: [--quick] [--json FILE] "
      "[paths|rates|stability|faults|tick|shell|live]"},
+    {"scenes", scenes_suite,
+     "another build of the program beside this one, stage by stage: --against PROGRAM [--scenes A,B] [--seconds S] [--repeat N] [--quick] "
+     "[--json FILE]"},
     {"report", report_suite, "DIR: draws what suites wrote with --json DIR/NAME.json as one page, DIR/report.html"},
 };
 

@@ -6,4 +6,5 @@ int contact_suite(int argc, char** argv);
 int deform_suite(int argc, char** argv);
 int haptics_suite(int argc, char** argv);
 int scale_suite(int argc, char** argv);
+int scenes_suite(int argc, char** argv);
 int report_suite(int argc, char** argv);

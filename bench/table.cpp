@@ -1,8 +1,11 @@
 #include "bench/table.hpp"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <ctime>
 #include <filesystem>
@@ -189,6 +192,15 @@ int Report::finish() {
 std::string machine_class() {
     const bool wide = __builtin_cpu_supports("avx512f");
     return std::to_string(std::thread::hardware_concurrency()) + " cores, " + (wide ? "AVX-512" : "AVX2");
+}
+
+std::string crowded() {
+    double load = 0;
+    const double cores = static_cast<double>(sysconf(_SC_NPROCESSORS_ONLN));
+    if (getloadavg(&load, 1) != 1 || load < 1.25 * cores + 0.5) return {};
+    char text[80];
+    std::snprintf(text, sizeof text, "load %.1f on %.0f cores: wall times are not judged", load, cores);
+    return text;
 }
 
 double thread_seconds() {

@@ -67,6 +67,9 @@ class Report {
 // Cores and widest vectors of this machine, without its name: "2 cores, AVX-512".
 std::string machine_class();
 
+// Why wall times are unreliable now: other programs run; empty if they are reliable.
+std::string crowded();
+
 // Processor seconds of this thread, so that other load does not count.
 double thread_seconds();
 

@@ -1,6 +1,5 @@
 // Growth of cost with the number of bodies, speedup by threads, and the cost of a frame without work.
 #include <malloc.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -37,14 +36,6 @@ BuiltScene stress(const std::string& name, uint32_t count, const std::vector<Ove
 double heap_bytes() {
     const struct mallinfo2 m = mallinfo2();
     return static_cast<double>(m.uordblks + m.hblkhd);
-}
-
-// Why wall times are unreliable now; empty if they are reliable.
-std::string crowded() {
-    double load = 0;
-    const double cores = static_cast<double>(sysconf(_SC_NPROCESSORS_ONLN));
-    if (getloadavg(&load, 1) != 1 || load < 1.25 * cores + 0.5) return {};
-    return format("load %.1f on %.0f cores: wall times are not judged", load, cores);
 }
 
 // Contact passes up to a pass of this bench, which is a sixtieth of a second at any contact rate.
