@@ -1,5 +1,6 @@
 #include "engine/mesh/surface_cut.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -84,8 +85,7 @@ std::vector<PathPoint> find_path(const EdgeSweep& sweep, const CutMesh& mesh, st
         const Vec3d &p = mesh.place[e[0]], &q = mesh.place[e[1]];
         const Vec3d moved = 0.5 * (moved_by(mesh, e[0]) + moved_by(mesh, e[1]));
         const EdgeSweep s{sweep.a0 + moved, sweep.b0 + moved, sweep.a1, sweep.b1};
-        double along = crossing_along(p, q, s.a0, s.b0, s.b1);
-        if (std::isnan(along)) along = crossing_along(p, q, s.a0, s.b1, s.a1);
+        const double along = crossing_of(s, p, q);
         if (std::isnan(along)) continue;
         PathPoint point{e, kNone, along, time_of(s, p + along * (q - p))};
         const double length = (mesh.rest[e[1]] - mesh.rest[e[0]]).norm(), snap = kSnap * std::max(length, mesh.mean_edge);
@@ -330,6 +330,11 @@ void move_front(const EdgeSweep& s, std::span<const PathPoint> path, std::span<c
 }
 
 }  // namespace
+
+double crossing_of(const EdgeSweep& s, const Vec3d& p, const Vec3d& q) {
+    const double along = crossing_along(p, q, s.a0, s.b0, s.b1);
+    return std::isnan(along) ? crossing_along(p, q, s.a0, s.b1, s.a1) : along;
+}
 
 CutResult cut_surface(const EdgeSweep& sweep, CutMesh& mesh, std::vector<CutVertex>& made) {
     made.clear();

@@ -154,6 +154,14 @@ void check_fields(const World& w, std::string& not_a_number) {
                                                           {"action times", w.actions.time.size()},
                                                           {"cut vertices", w.action_state.cut.position.size()},
                                                           {"cut triangles", w.action_state.cut.triangle.size()},
+                                                          {"lattice tetrahedra", w.actions.lattice_tetrahedron.size()},
+                                                          {"lattice edges", w.actions.lattice_edge.size()},
+                                                          {"lattice faces", w.actions.lattice_face.size()},
+                                                          {"lattice anchors", w.actions.lattice_anchor.size()},
+                                                          {"cut parts", w.action_state.lattice.part.size()},
+                                                          {"cut nodes", w.action_state.lattice.node_of.size()},
+                                                          {"lattice vertices", w.action_state.lattice.vertex.size()},
+                                                          {"lattice triangles", w.action_state.lattice.triangle.size()},
                                                           {"heated nodes", w.actions.heat_volume.size()},
                                                           {"heat edges", w.actions.heat_edge.size()}};
     FieldCheck check{counts};
@@ -284,7 +292,7 @@ void check_solid(const World& w, uint32_t prototype, uint32_t particles) {
             name, "nodes and tetrahedra do not fit");
     require_inside(info.skin, s.embedding_node.size(), name, "skin");
     require_inside(info.skin, s.embedding_weight.size(), name, "skin");
-    require(info.skin.count == 0 || info.skin.count == w.meshes.info[prototype].vertices.count, name, "skin does not fit the surface");
+    require(info.skin.count == 0 || info.skin.count >= w.meshes.info[prototype].vertices.count, name, "skin does not fit the surface");
     for (uint32_t row = info.skin.first; row < info.skin.end(); ++row) {
         for (const uint32_t node : s.embedding_node[row]) require_below(node, info.nodes.count, name, "node of the skin");
         for (const double weight : s.embedding_weight[row]) require(std::isfinite(weight), name, "weight of the skin");
