@@ -17,13 +17,19 @@ CutEdge cut_edge(uint32_t a, uint32_t b) { return {std::min(a, b), std::max(a, b
 double six_volume(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) { return (b - a).cross(c - a).dot(d - a); }
 bool is_on_positive_side(double v) { return v >= 0; }
 
+// Side of the line from a to b on which the line from p to q passes; from b to a it is always the other one, so that of two triangles
+// with that edge exactly one is met by a line through it.
+bool passes_positive(const Vec3d& p, const Vec3d& q, const Vec3d& a, const Vec3d& b) {
+    const bool ascends = std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);
+    return ascends ? is_on_positive_side(six_volume(p, q, a, b)) : !is_on_positive_side(six_volume(p, q, b, a));
+}
+
 // Where a segment goes through a triangle: fraction of its length from p; NaN if it does not.
 double crossing_along(const Vec3d& p, const Vec3d& q, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
     constexpr double kNo = std::numeric_limits<double>::quiet_NaN();
     const double at_p = six_volume(a, b, c, p), at_q = six_volume(a, b, c, q);
     if (is_on_positive_side(at_p) == is_on_positive_side(at_q)) return kNo;
-    const bool ab = is_on_positive_side(six_volume(p, q, a, b)), bc = is_on_positive_side(six_volume(p, q, b, c)),
-               ca = is_on_positive_side(six_volume(p, q, c, a));
+    const bool ab = passes_positive(p, q, a, b), bc = passes_positive(p, q, b, c), ca = passes_positive(p, q, c, a);
     if (ab != bc || bc != ca) return kNo;
     return at_p / (at_p - at_q);
 }

@@ -504,8 +504,8 @@ struct VertexClasses {
 };
 
 VertexClasses find_classes(const SurfaceMaker& made, std::span<const SurfaceSide> sides, std::span<const std::array<uint32_t, 2>> pairs) {
-    std::vector<uint32_t> parent(3 * made.triangle.size());
-    std::iota(parent.begin(), parent.end(), 0u);
+    std::vector<uint32_t> parent;
+    for (uint32_t c = 0; c < 3 * made.triangle.size(); ++c) parent.push_back(c);
     const auto join = [&](uint32_t a, uint32_t b) {
         TROCAR_ASSERT(made.triangle[a / 3][a % 3] == made.triangle[b / 3][b % 3]);
         a = root_of(parent, a), b = root_of(parent, b);

@@ -440,6 +440,54 @@ void check_tear_faces(const World& w, const TearBody& t, uint32_t prototype) {
     require(std::count(lost, lost + info.count, 0) > 0, "tears: a solid without a tetrahedron");
 }
 
+// The pieces of a solid that instruments may cut.
+void check_pieces(const World& w, uint32_t index) {
+    const CutSolid& limits = w.actions.cut_solid[index];
+    const CutLattices& state = w.action_state.lattice;
+    const std::string name = "cut solid " + std::to_string(index) + ": ";
+    require_below(limits.body, static_cast<uint32_t>(w.bodies.mesh.size()), name, "body");
+    const auto& [nodes, parts, vertices, triangles] = state.count[index];
+    require(limits.nodes <= nodes && nodes <= limits.copies.count && limits.tetrahedra.count <= parts && parts <= limits.parts.count &&
+                vertices > 0 && vertices <= limits.vertices.count && triangles > 0 && triangles <= limits.triangles.count &&
+                limits.anchors.count == limits.nodes,
+            name, "more or less than there may be");
+    for (uint32_t t = limits.tetrahedra.first; t < limits.tetrahedra.end(); ++t) {
+        for (const uint32_t n : w.actions.lattice_tetrahedron[t]) require_below(n, limits.nodes, name, "node");
+        for (const uint32_t n : w.actions.lattice_neighbour[t]) require_below_or_none(n, limits.tetrahedra.count, name + "neighbour");
+    }
+    for (uint32_t e = limits.edges.first; e < limits.edges.end(); ++e)
+        require(w.actions.lattice_edge[e][0] < w.actions.lattice_edge[e][1] && w.actions.lattice_edge[e][1] < limits.nodes, name, "edge");
+    for (uint32_t f = limits.faces.first; f < limits.faces.end(); ++f)
+        require_below(w.actions.lattice_face[f].tetrahedron, limits.tetrahedra.count, name, "face");
+    for (uint32_t n = 0; n < nodes; ++n) require_below(state.node_of[limits.copies.first + n], limits.nodes, name, "copy");
+    std::vector<uint32_t> owned(limits.tetrahedra.count, 0);
+    for (uint32_t p = 0; p < parts; ++p) {
+        const CutPart& part = state.part[limits.parts.first + p];
+        require_below(part.tetrahedron, limits.tetrahedra.count, name, "tetrahedron of a part");
+        require(part.owned > 0 && part.owned < 16 && !(owned[part.tetrahedron] & part.owned), name, "corners of a part");
+        owned[part.tetrahedron] |= part.owned;
+        for (const uint32_t n : part.node) require_below(n, nodes, name, "node of a part");
+    }
+    for (const uint32_t all : owned) require(all == 15, name, "a corner that no part owns");
+    for (uint32_t v = 0; v < vertices; ++v)
+        for (const uint32_t n : state.vertex[limits.vertices.first + v].node) require_below(n, nodes, name, "node of a vertex");
+    for (uint32_t t = 0; t < triangles; ++t)
+        for (const uint32_t v : state.triangle[limits.triangles.first + t]) require_below(v, vertices, name, "vertex of a triangle");
+}
+
+void check_lattices(const World& w) {
+    const Actions& a = w.actions;
+    const CutLattices& state = w.action_state.lattice;
+    require(state.count.size() == a.cut_solid.size() && state.cut_at.size() == a.lattice_edge.size() &&
+                a.lattice_neighbour.size() == a.lattice_tetrahedron.size() && a.lattice_uv.size() == a.lattice_face.size() &&
+                a.lattice_material.size() == a.lattice_face.size() && state.before.size() == state.node_of.size() &&
+                state.uv.size() == state.triangle.size() && state.material.size() == state.triangle.size(),
+            "cut solids: arrays of different length");
+    for (const auto& [action, solid] : a.solid_cuts)
+        require(action < a.action.size() && solid < a.cut_solid.size(), "cut solids: a cut of nothing");
+    for (uint32_t index = 0; index < a.cut_solid.size(); ++index) check_pieces(w, index);
+}
+
 void check_tears(const World& w) {
     require(w.torn.cut.size() == w.tears.cut.size(), "cuts: not one state each");
     const size_t rows = w.torn.spring.size();
@@ -556,6 +604,7 @@ void check_world(const World& w) {
     check_nodes(w);
     check_links(w);
     check_tears(w);
+    check_lattices(w);
     require(all_have(w.pair_memory, w.pair_memory.a.size()), "pair memory: arrays of different length");
     check_contact_memory(w);
     check_self_contacts(w);
