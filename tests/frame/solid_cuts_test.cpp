@@ -4,6 +4,7 @@
 #include <cmath>
 #include <map>
 #include <numeric>
+#include <random>
 
 #include "engine/tissue/cut_solid_setup.hpp"
 #include "engine/tissue/embedded_surface.hpp"
@@ -138,6 +139,68 @@ TEST(SolidCuts, ABladeMakesTwoOfABlock) {
     EXPECT_GT(felt, 0.1);
     EXPECT_LT(drift, 1e-3 * entered);
 }
+
+// A block on a fixed base, and a hand that goes to and fro in it with the blade at any angle: dozens of strokes through tissue that moves, and that was cut
+// before.
+struct RandomStrokes {
+    uint64_t refused = 0, inverted = 0, cuts = 0;
+    size_t pieces = 0;
+    double mass = 0, volume = 0, drift = 0;  // largest relative errors
+};
+
+RandomStrokes stroke_at_random(uint64_t seed, int passes) {
+    std::mt19937_64 random(seed);
+    const auto unit = [&] { return static_cast<double>(random() >> 11) * 0x1p-53; };
+    std::string text = kBlock;
+    text.erase(text.find("[[tool.path]]"));
+    text.replace(text.find("cells = 6"), 9, "cells = 4\nfixed_below = -0.025\ncut_capacity = 20000");
+    for (int key = 0; key * 6 <= passes; ++key) {
+        char line[300];
+        std::snprintf(line, sizeof line,
+                      "[[tool.path]]\ntime = %.2f\nposition = [%.4f, %.4f, %.4f]\nrotation = [%.3f, %.3f, 1.0, %.1f]\n", 0.1 * key,
+                      0.12 * (unit() - 0.5), 0.12 * (unit() - 0.5), 0.08 + 0.03 * unit(), unit() - 0.5, unit() - 0.5, 60 * (unit() - 0.5));
+        text += line;
+    }
+    RandomStrokes result;
+    const WrittenScene scene("solid_strokes", text);
+    World world = std::move(scene.build().world);
+    const SolidSums before = solid_sums(world);
+    run(std::move(world), passes, [&](Frame& frame, int pass) {
+        const World& w = frame.world();
+        const SolidSums now = solid_sums(w);
+        result.mass = std::max(result.mass, std::abs(now.mass / before.mass - 1));
+        result.volume = std::max(result.volume, std::abs(now.volume / before.volume - 1));
+        result.drift = std::max(result.drift, std::abs(w.energy.balance) / std::max(w.energy.work_hand, 1e-6));
+        if (pass % 15 == 14) {
+            EXPECT_EQ(find_fault(w), "") << pass;
+        }
+        if (pass + 1 < passes) return;
+        const ActionProgress& p = w.action_state.progress[0];
+        result.refused = p.refused, result.cuts = w.action_state.lattice.count[0][1] - w.actions.cut_solid[0].tetrahedra.count;
+        result.inverted = w.report.inverted_tetrahedra + w.report.nonfinite_particles + w.report.short_steps + w.report.runaway_bodies;
+        result.pieces = now.pieces.size();
+    });
+    return result;
+}
+
+void check_random_strokes(uint64_t first, uint64_t count, int passes) {
+    uint64_t cuts = 0;
+    for (uint64_t seed = first; seed < first + count; ++seed) {
+        const RandomStrokes r = stroke_at_random(seed, passes);
+        EXPECT_EQ(r.refused, 0u) << seed;
+        EXPECT_EQ(r.inverted, 0u) << seed;
+        EXPECT_LT(r.mass, 1e-12) << seed;
+        EXPECT_LT(r.volume, 1e-12) << seed;
+        EXPECT_LT(r.drift, 1e-3) << seed;
+        cuts += r.cuts;
+        std::printf("seed %u: %u parts more, %zu pieces, mass %.1g, volume %.1g, drift %.1g\n", static_cast<unsigned>(seed),
+                    static_cast<unsigned>(r.cuts), r.pieces, r.mass, r.volume, r.drift);
+    }
+    EXPECT_GT(cuts, 50 * count);
+}
+
+TEST(SolidCuts, RandomStrokesInAMovingBlock) { check_random_strokes(1, 2, 90); }
+TEST(SolidCuts, LongRandomStrokesInAMovingBlock) { check_random_strokes(100, 34, 180); }
 
 // What instruments may cut has at least half the step of what they may not.
 TEST(SolidCuts, TheStepIsAtLeastHalfThatOfTheUncut) {
