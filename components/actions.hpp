@@ -70,6 +70,53 @@ struct CutBody {
                   thickness, "m", edge, "m", lightest, "1/m^2", whole);
 };
 
+// A solid that instruments may cut. Its surface is that of its lattice of tetrahedra. Its prototype is not shared, and has
+// elements reserved at load: see engine/tissue/lattice_cut.hpp.
+struct CutSolid {
+    uint32_t body = kNone;
+    uint32_t nodes = 0;      // of the lattice at load
+    Range tetrahedra;        // of Actions::lattice_tetrahedron
+    Range edges;             // of Actions::lattice_edge and CutLattices::cut_at
+    Range faces;             // of Actions::lattice_face, lattice_uv and lattice_material: the surface at load
+    Range anchors;           // of Actions::lattice_anchor, one per node at load
+    Range parts;             // of CutLattices::part: those reserved
+    Range copies;            // of CutLattices::node_of, likewise
+    Range vertices;          // of CutLattices::vertex, likewise
+    Range triangles;         // of CutLattices::triangle, uv and material, likewise
+    uint32_t mesh_edges = 0; // reserved elements of the prototype
+    uint32_t columns = 0;    // reserved columns of its springs
+    uint32_t slots = 0;      // reserved columns of the tetrahedra around its nodes
+    uint32_t wall = 0;       // material of the new surface
+    TROCAR_FIELDS(body, "index of bodies", nodes, tetrahedra, "range of lattice tetrahedra", edges, "range of lattice edges", faces,
+                  "range of lattice faces", anchors, "range of lattice anchors", parts, "range of cut parts", copies, "range of cut nodes",
+                  vertices, "range of lattice vertices", triangles, "range of lattice triangles", mesh_edges, columns, slots, wall);
+};
+
+// A face of a lattice with a tetrahedron on one side only, outward.
+struct LatticeFace {
+    Triangle corner{};         // nodes
+    uint32_t tetrahedron = 0;  // of the lattice
+    TROCAR_FIELDS(corner, tetrahedron);
+};
+
+// A tetrahedron or what a cut left of it: a copy that owns the material at some of its corners.
+struct CutPart {
+    uint32_t tetrahedron = 0;        // of the lattice
+    uint32_t owned = 15;             // bits, one per corner
+    std::array<uint32_t, 4> node{};  // that the copy has for the corners
+    double share = 1;                // of the tetrahedron's volume
+    TROCAR_FIELDS(tetrahedron, owned, node, share);
+};
+
+// A vertex of the surface of a solid that may be cut.
+struct CutSolidVertex {
+    std::array<uint32_t, 4> point{kNone, kNone, kNone, kNone};  // nodes of the lattice that it lies between, ascending, kNone last
+    uint32_t part = 0;                                          // a part that it belongs to
+    std::array<uint32_t, 4> node{};                             // that it is embedded in
+    std::array<double, 4> weight{1, 0, 0, 0};
+    TROCAR_FIELDS(point, part, node, weight);
+};
+
 // A deformable body that instruments may heat. Temperatures are those of its nodes: the vertices of a shell or sheet,
 // all nodes of a solid.
 struct HeatBody {
@@ -100,12 +147,22 @@ struct Actions {
     std::vector<double> time;                   // s, ascending within an action
     std::vector<CutBody> cut_body;              // ascending by body
     std::vector<std::array<uint32_t, 2>> cuts;  // index into action, index into cut_body: what each edge cuts
+    std::vector<CutSolid> cut_solid;            // ascending by body
+    std::vector<std::array<uint32_t, 2>> solid_cuts;           // index into action, index into cut_solid
+    std::vector<std::array<uint32_t, 4>> lattice_tetrahedron;  // nodes, positive volume
+    std::vector<std::array<uint32_t, 4>> lattice_neighbour;    // tetrahedron across the face that lacks a corner, or kNone
+    std::vector<std::array<uint32_t, 2>> lattice_edge;         // nodes, lower first, ascending
+    std::vector<LatticeFace> lattice_face;
+    std::vector<std::array<Vec2, 3>> lattice_uv;
+    std::vector<uint16_t> lattice_material;
+    std::vector<float> lattice_anchor;          // N/m, at load
     std::vector<HeatBody> heat_body;            // ascending by body
     std::vector<double> heat_volume;            // m^3, of the tissue at a node, at rest
     std::vector<double> heat_area;              // m^2, of the surface at a node, at rest; 0 inside
     std::vector<HeatEdge> heat_edge;
     std::vector<std::array<uint32_t, 2>> heats;  // index into action, index into heat_body: what each tip heats
-    TROCAR_FIELDS(action, time, "s", cut_body, cuts, heat_body, heat_volume, "m^3", heat_area, "m^2", heat_edge, heats);
+    TROCAR_FIELDS(action, time, "s", cut_body, cuts, cut_solid, solid_cuts, lattice_tetrahedron, lattice_neighbour, lattice_edge, lattice_face,
+                  lattice_uv, lattice_material, lattice_anchor, "N/m", heat_body, heat_volume, "m^3", heat_area, "m^2", heat_edge, heats);
 };
 
 // What one action has done so far.
@@ -197,16 +254,31 @@ struct CutSurfaces {
     TROCAR_FIELDS(count, position, "m", goal, "m", triangle, uv, material, slit, front, before, "m");
 };
 
+// Present state of the solids that may be cut. Elements beyond the counts are unused.
+struct CutLattices {
+    std::vector<std::array<uint32_t, 4>> count;  // one per cut solid: nodes, parts, vertices, triangles
+    std::vector<double> cut_at;                  // where an edge of the lattice is cut, fraction from its lower node; 0 = it is whole
+    std::vector<CutPart> part;
+    std::vector<uint32_t> node_of;  // node of the lattice that a node is a copy of
+    std::vector<CutSolidVertex> vertex;
+    std::vector<Triangle> triangle;
+    std::vector<std::array<Vec2, 3>> uv;
+    std::vector<uint16_t> material;
+    std::vector<Vec3d> before;  // m, world, as node_of: places of the nodes at the last pass, of solids that are being cut
+    TROCAR_FIELDS(count, cut_at, part, node_of, vertex, triangle, uv, material, before, "m");
+};
+
 struct ActionState {
     std::vector<ActionProgress> progress;  // one per action
     std::vector<ToolStaple> staple;        // in the order in which they were set
     CutSurfaces cut;
+    CutLattices lattice;
     std::vector<ToolGrasp> grasp;  // in the order in which they began
     HeatState heat;
     std::vector<OpenedEdge> opened;  // in this pass
     std::vector<BurntNode> burnt;    // in this pass
     std::vector<uint32_t> released;  // bodies whose links an instrument has let go of in this pass
-    TROCAR_FIELDS(progress, staple, cut, grasp, heat, opened, burnt, released);
+    TROCAR_FIELDS(progress, staple, cut, lattice, grasp, heat, opened, burnt, released);
 };
 
 }  // namespace trocar

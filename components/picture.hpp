@@ -32,8 +32,9 @@ struct PictureBody {
     Range depths;    // range of contact_depth, one per vertex; empty without contact
     Range removed;   // range of removed
     Range exposed;   // range of exposed
+    Range inner;     // range of exposed: the new surface inside a solid that was cut, in the last material of its prototype
     Range burnt;     // range of burnt, one per vertex; empty where nothing coagulated
-    TROCAR_FIELDS(mesh, origin, "m", orientation, motion, box, "m", vertices, depths, removed, exposed, burnt);
+    TROCAR_FIELDS(mesh, origin, "m", orientation, motion, box, "m", vertices, depths, removed, exposed, inner, burnt);
 };
 
 // The deepest point of one overlapping pair.

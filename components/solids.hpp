@@ -22,7 +22,7 @@ struct SolidInfo {
     TROCAR_FIELDS(inner, tetrahedra, count, slices, nodes, skin, varied);
 };
 
-// Constant after load. Nodes and tetrahedra are local to the prototype. The tetrahedra around a node are
+// Constant after load, but for solids that instruments cut (CutSolid). Nodes and tetrahedra are local to the prototype. The tetrahedra around a node are
 // listed in SELL-16 slices like springs: a column holds one (tetrahedron, corner) for each of 16 nodes, so
 // that a node gathers its own forces.
 struct Solids {

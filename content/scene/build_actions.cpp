@@ -21,7 +21,8 @@ uint32_t tool_row_of(const SceneFile& scene, const ToolSpec& spec, const World& 
 uint32_t heat_body(const SceneFile& scene, const ActionSpec& spec, uint32_t body, World& world) {
     const std::string where = "a cautery: body \"" + world.bodies.name[body] + "\" ";
     if (!is_deformable(world.bodies, body)) refuse(scene, spec.line, where + "must be deformable");
-    if (find_of_body(world.actions.cut_body, body) != kNone || find_of_body(world.tears.body, body) != kNone)
+    if (find_of_body(world.actions.cut_body, body) != kNone || find_of_body(world.actions.cut_solid, body) != kNone ||
+        find_of_body(world.tears.body, body) != kNone)
         refuse(scene, spec.line, where + "may be cut or tear: its nodes would change");
     const uint32_t known = find_of_body(world.actions.heat_body, body);
     if (known != kNone) return known;
@@ -47,6 +48,10 @@ void add_action(const SceneFile& scene, const ActionSpec& spec, uint32_t tool, W
         const uint32_t body = find_body(scene, spec.line, world, name, kind);
         if (action.kind == ActionKind::kCauterise) {
             actions.heats.push_back({index, heat_body(scene, spec, body, world)});
+            continue;
+        }
+        if (const uint32_t solid = find_of_body(actions.cut_solid, body); solid != kNone) {
+            actions.solid_cuts.push_back({index, solid});
             continue;
         }
         const uint32_t cut = find_of_body(actions.cut_body, body);

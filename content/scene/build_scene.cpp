@@ -122,7 +122,9 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
     if (is_solid(world.solids, prototype)) {
         const SolidInfo& solid = world.solids.info[prototype];
         note +=
-            format(", solid of %u tetrahedra, %u nodes%s", solid.count, solid.nodes.count, solid.skin.count > 0 ? " under this skin" : "");
+            made.lattice_nodes > 0 ? format(", solid of %u tetrahedra, %u nodes, may be cut", solid.count, made.lattice_nodes)
+                                   : format(", solid of %u tetrahedra, %u nodes%s", solid.count, solid.nodes.count,
+                                            solid.skin.count > 0 ? " under this skin" : "");
     } else if (has_own_nodes(world.solids, prototype)) {
         note += format(", under this skin a shell of %u nodes, whose step is %.3g times that of the skin itself",
                        world.solids.info[prototype].nodes.count, world.bodies.stable_dt[body] / step_of_skin(world, body));
@@ -367,7 +369,7 @@ bool may_tear(const SceneFile& scene, const BodySpec& spec) {
 
 // Elements of a shell or sheet that instruments cut; none for other bodies.
 CutRoom cut_room(const SceneFile& scene, const BodySpec& spec, const MeshInfo& info) {
-    if (!is_cut_by_tools(scene, spec.name)) return {};
+    if (spec.solid || !is_cut_by_tools(scene, spec.name)) return {};
     return room_for_cuts(info, spec.cut_capacity > 0 ? spec.cut_capacity : info.triangles.count);
 }
 
@@ -375,7 +377,7 @@ void check_cut_by_tools(const SceneFile& scene, const BodySpec& spec) {
     if (!is_cut_by_tools(scene, spec.name)) return;
     const auto fail = [&](const std::string& why) { refuse_body(scene, spec, "instruments cannot cut it: " + why); };
     if (spec.motion != Motion::kDeformable) fail("it is not deformable");
-    if (spec.solid || spec.skin) fail("they cut shells and sheets, not solids and skins");
+    if (spec.skin) fail("they cut the lattice of a solid, and shells and sheets, but no skin that rides on them; take skin = false");
     if (may_tear(scene, spec)) fail("it may tear (break_strain, [[cut]])");
     if (spec.tissue.pressure_modulus > 0 || spec.tissue.bending > 0) fail("set pressure_modulus and bending to 0");
     if (!spec.regions.empty()) fail("its tissue is not the same everywhere ([[body.region]])");
@@ -404,7 +406,12 @@ Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, Worl
                                      .pressure = spec.tissue.pressure_modulus > 0,
                                      .bending = spec.tissue.bending > 0});
         return make_solid(world.meshes, world.springs, world.solids, std::move(mesh), options,
-                          {spec.spacing, spec.cells, spec.skin, may_tear(scene, spec)});
+                          {.spacing = spec.spacing,
+                           .cells = spec.cells,
+                           .skin = spec.skin,
+                           .tears = may_tear(scene, spec),
+                           .cuts = is_cut_by_tools(scene, spec.name),
+                           .cut_capacity = spec.cut_capacity});
     } catch (const InputError& error) {
         refuse_body(scene, spec, error.what());
     }
@@ -567,6 +574,10 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
         if (room.vertices > 0)
             add_cut_body(room, columns, body, world.meshes, world.springs, world.anchors, world.bodies, world.actions,
                          world.action_state.cut);
+        if (prototype.lattice_nodes > 0)
+            add_cut_solid(prototype.room, prototype.lattice_nodes, prototype.lattice_tetrahedra, prototype.wall, body,
+                          {world.meshes, world.springs, world.solids, world.anchors}, world.particles, world.bodies, world.actions,
+                          world.action_state.lattice);
         if (!spec.regions.empty()) add_tissue_regions(scene, spec, world, body);
         if (may_tear(scene, spec)) let_tear(world, body, spec.break_strain);
         choose_stepping(scene, spec, world, body);

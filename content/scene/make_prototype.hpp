@@ -2,6 +2,7 @@
 #include "components/mesh.hpp"
 #include "content/mend/admission.hpp"
 #include "content/mend/clean_mesh.hpp"
+#include "engine/tissue/cut_solid_setup.hpp"
 namespace trocar {
 
 // The point of a mesh that becomes the origin of the body frame.
@@ -23,6 +24,10 @@ struct Prototype {
     Vec3d shift = Vec3d::Zero();  // m; file position * scale = body position + shift
     CleanReport cleaning;         // weld_distance in units of the file
     MeshJudgement judgement;      // of the prototype: metres, body frame
+    // of a solid that instruments may cut
+    CutSolidRoom room;
+    uint32_t lattice_nodes = 0, lattice_tetrahedra = 0;
+    uint32_t wall = 0;  // material of the new surface
 };
 
 // Cleans, scales, recentres and reorders a mesh, judges it and appends it to meshes. A refused mesh

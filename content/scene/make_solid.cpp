@@ -10,6 +10,7 @@
 #include "engine/base/error.hpp"
 #include "engine/mesh/mesh_topology.hpp"
 #include "engine/tissue/bending_forces.hpp"
+#include "engine/tissue/cut_setup.hpp"
 #include "engine/tissue/pressure_force.hpp"
 #include "engine/tissue/solid_setup.hpp"
 #include "engine/tissue/solid_tears.hpp"
@@ -72,6 +73,59 @@ void add_riding_nodes(const TetMesh& tets, Mesh& surface, SurfaceEmbedding& skin
     }
 }
 
+// Factor on the colour of a body for the new surface inside it.
+constexpr float kInside = 0.6f;
+
+// A solid that instruments may cut: all its vertices are embedded in its nodes, and elements are reserved.
+Prototype add_cut_tets(Meshes& meshes, Springs& springs, Solids& solids, const TetMesh& tets, const Mesh& looks, uint32_t more) {
+    std::vector<std::array<uint32_t, 4>> neighbour;
+    std::vector<std::array<uint32_t, 2>> edge;
+    std::vector<LatticeFace> face;
+    find_lattice(tets.tetrahedron, neighbour, edge, face);
+    const std::vector<std::array<Vec2, 3>> uv(face.size());
+    const std::vector<uint16_t> material(face.size(), 0);
+    const uint32_t nodes = static_cast<uint32_t>(tets.position.size());
+    const LatticePieces pieces = whole_pieces({tets.tetrahedron, neighbour, edge, face, uv, material, nodes, 1});
+    Mesh surface;
+    surface.name = looks.name;
+    SolidSurface carried;
+    for (const CutSolidVertex& v : pieces.vertex) surface.position.push_back(tets.position[v.point[0]]);
+    surface.triangle = pieces.triangle;
+    for (const LatticeFace& f : face) carried.boundary.push_back(f.corner);
+    dress(looks, surface);
+    if (surface.material.empty()) surface.material.emplace_back();
+    Material inside = surface.material.front();
+    for (float& c : inside.diffuse) c *= kInside;
+    inside.image = {}, inside.texture.clear();
+    surface.material.push_back(inside);
+    surface.triangle_material = material;
+
+    Prototype made;
+    made.judgement = judge_mesh(surface);
+    if (made.judgement.admitted_as == Admission::kRefused) return made;
+    if (made.judgement.admitted_as != Admission::kSolid)
+        throw InputError("the lattice of a solid that instruments cut must have a sound surface (" + made.judgement.reason +
+                         "); take finer cells");
+    const auto count = [](const auto& of) { return static_cast<uint32_t>(of.size()); };
+    const uint32_t triangles = count(surface.triangle), vertices = count(surface.position);
+    made.room = room_for_solid_cuts(nodes, count(tets.tetrahedron), vertices, triangles, more > 0 ? more : 4 * triangles);
+    made.lattice_nodes = nodes, made.lattice_tetrahedra = count(tets.tetrahedron), made.wall = 1;
+    made.row = add_prototype(meshes, surface, made.judgement.admitted_as);
+    keep_cut_room({made.room.vertices, made.room.triangles, made.room.edges}, meshes);
+    // all that it may get are embedded, the unused ones where the first one is; unused nodes have no tetrahedra
+    for (uint32_t v = 0; v < made.room.vertices; ++v) {
+        const CutSolidVertex& vertex = pieces.vertex[v < vertices ? v : 0];
+        carried.binding.node.push_back(vertex.node), carried.binding.weight.push_back(vertex.weight);
+    }
+    std::vector<Vec3d> all = tets.position;
+    all.resize(made.room.nodes, tets.position.front());
+    meshes.info[made.row].vertices.count = made.room.vertices;
+    add_solid(meshes, made.row, all, tets.tetrahedron, springs, solids, &carried, true);
+    meshes.info[made.row].vertices.count = vertices;
+    widen_solid(made.room, made.row, springs, solids);
+    return made;
+}
+
 }  // namespace
 
 Prototype add_tet_mesh(Meshes& meshes, Springs& springs, Solids& solids, const TetMesh& tets, const Mesh& looks, bool tears) {
@@ -124,7 +178,8 @@ Prototype make_solid(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh
         add_solid(meshes, skin.row, tets.position, tets.tetrahedron, springs, solids, &carried, fill.tears);
         return skin;
     }
-    Prototype made = add_tet_mesh(meshes, springs, solids, tets, surface, fill.tears);
+    Prototype made = fill.cuts ? add_cut_tets(meshes, springs, solids, tets, surface, fill.cut_capacity)
+                               : add_tet_mesh(meshes, springs, solids, tets, surface, fill.tears);
     made.shift = skin.shift;
     made.cleaning = skin.cleaning;
     return made;

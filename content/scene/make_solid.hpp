@@ -12,6 +12,8 @@ struct SolidOptions {
                                              // used
     bool tears = false;                      // reserves room for faces behind tetrahedra,
                                              // engine/tissue/solid_tears.hpp
+    bool cuts = false;                       // instruments may cut it (engine/tissue/lattice_cut.hpp); without skin
+    uint32_t cut_capacity = 0;               // triangles that cuts may add; 0 = four times as many as the surface has
     bool pressure = false, bending = false;  // an embedded shell: its bodies may have pressure, may bend
 };
 

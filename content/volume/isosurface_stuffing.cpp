@@ -20,7 +20,7 @@ using Half = std::array<int, 3>;
 constexpr std::array<Half, 7> kOwned{{{2, 0, 0}, {0, 2, 0}, {0, 0, 2}, {1, -1, -1}, {1, -1, 1}, {1, 1, -1}, {1, 1, 1}}};
 constexpr int kLongEdges = 3;
 
-struct Lattice {
+struct BodyCentredLattice {
     std::array<uint32_t, 3> cells{};
     Vec3d origin = Vec3d::Zero();
     double spacing = 1;
@@ -57,9 +57,9 @@ struct Lattice {
     }
 };
 
-Lattice make_lattice(const StuffingParams& params, const Box& box) {
+BodyCentredLattice make_lattice(const StuffingParams& params, const Box& box) {
     TROCAR_ASSERT(params.spacing > 0 && params.steepness > 0);
-    Lattice lattice;
+    BodyCentredLattice lattice;
     lattice.spacing = params.spacing;
     const Vec3d extent = box.max - box.min;
     double cells = 2;
@@ -81,7 +81,7 @@ Lattice make_lattice(const StuffingParams& params, const Box& box) {
 // Field value at every site. Blocks proven free of surface get an infinite value with the sign at their
 // centre.
 struct FieldSampler {
-    const Lattice& lattice;
+    const BodyCentredLattice& lattice;
     const DistanceField& distance;
     double steepness;
     std::vector<float> value{};
@@ -168,7 +168,7 @@ struct FieldSampler {
 
 // The working lattice. Sign: 1 inside, 0 on the surface, -1 outside.
 struct Stuffer {
-    Lattice lattice;
+    BodyCentredLattice lattice;
     const DistanceField& distance;
     std::vector<int8_t> sign{};
     std::vector<uint8_t> cut_mask{};    // bit mask of a site's owned edges that have a cut point
@@ -493,7 +493,7 @@ std::vector<FaceUse> sorted_faces(const TetMesh& mesh) {
 }  // namespace
 
 TetMesh stuff_isosurface(const StuffingParams& params, const Box& box, const DistanceField& distance) {
-    const Lattice lattice = make_lattice(params, box);
+    const BodyCentredLattice lattice = make_lattice(params, box);
     FieldSampler sampler{lattice, distance, params.steepness};
     sampler.run();
     Stuffer stuffer{lattice, distance};

@@ -488,7 +488,8 @@ void GlRenderer::Impl::upload_patched(BodyBuffers& buffers, const PictureSnapsho
     glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(index.size() * 4), index.data());
 }
 
-// A surface that cuts gave more vertices: all its triangles, in the material of its first ones, without texture.
+// A surface that cuts gave more vertices: all its triangles, in the material of its first ones, without texture; inside a solid in
+// the last material.
 void GlRenderer::Impl::upload_grown(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires) {
     const RenderMesh& mesh = static_mesh(from.mesh, false).mesh;
     glBindVertexArray(buffers.array);
@@ -500,12 +501,16 @@ void GlRenderer::Impl::upload_grown(BodyBuffers& buffers, const PictureSnapshot&
     point_vertex_attributes();
     glDisableVertexAttribArray(kTextureUv);
     std::vector<uint32_t> index;
-    for (uint32_t i = from.exposed.first; i < from.exposed.end(); ++i) {
-        const Triangle& t = snapshot.exposed[i];
-        if (triangle_is_finite(row.data(), t.data())) index.insert(index.end(), t.begin(), t.end());
-    }
-    const uint32_t count = static_cast<uint32_t>(index.size());
-    buffers.patched_groups.assign(1, {mesh.groups.empty() ? 0 : mesh.groups[0].material, 0, count});
+    const auto add = [&](uint32_t first, uint32_t end) {
+        for (uint32_t i = first; i < end; ++i) {
+            const Triangle& t = snapshot.exposed[i];
+            if (triangle_is_finite(row.data(), t.data())) index.insert(index.end(), t.begin(), t.end());
+        }
+        return static_cast<uint32_t>(index.size());
+    };
+    const uint32_t outer = add(from.exposed.first, from.exposed.end() - from.inner.count), count = add(from.inner.first, from.inner.end());
+    buffers.patched_groups.assign(1, {mesh.groups.empty() ? 0 : mesh.groups[0].material, 0, outer});
+    if (count > outer) buffers.patched_groups.push_back({meshes.materials[from.mesh].count - 1, outer, count - outer});
     buffers.patched_lines = {0, count, 0};
     if (wires) {
         const std::vector<uint32_t> line = edges_between(index);

@@ -1,5 +1,6 @@
 #include "engine/mesh/surface_cut.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -16,13 +17,19 @@ CutEdge cut_edge(uint32_t a, uint32_t b) { return {std::min(a, b), std::max(a, b
 double six_volume(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) { return (b - a).cross(c - a).dot(d - a); }
 bool is_on_positive_side(double v) { return v >= 0; }
 
+// Side of the line from a to b on which the line from p to q passes; from b to a it is always the other one, so that of two triangles
+// with that edge exactly one is met by a line through it.
+bool passes_positive(const Vec3d& p, const Vec3d& q, const Vec3d& a, const Vec3d& b) {
+    const bool ascends = std::lexicographical_compare(a.data(), a.data() + 3, b.data(), b.data() + 3);
+    return ascends ? is_on_positive_side(six_volume(p, q, a, b)) : !is_on_positive_side(six_volume(p, q, b, a));
+}
+
 // Where a segment goes through a triangle: fraction of its length from p; NaN if it does not.
 double crossing_along(const Vec3d& p, const Vec3d& q, const Vec3d& a, const Vec3d& b, const Vec3d& c) {
     constexpr double kNo = std::numeric_limits<double>::quiet_NaN();
     const double at_p = six_volume(a, b, c, p), at_q = six_volume(a, b, c, q);
     if (is_on_positive_side(at_p) == is_on_positive_side(at_q)) return kNo;
-    const bool ab = is_on_positive_side(six_volume(p, q, a, b)), bc = is_on_positive_side(six_volume(p, q, b, c)),
-               ca = is_on_positive_side(six_volume(p, q, c, a));
+    const bool ab = passes_positive(p, q, a, b), bc = passes_positive(p, q, b, c), ca = passes_positive(p, q, c, a);
     if (ab != bc || bc != ca) return kNo;
     return at_p / (at_p - at_q);
 }
@@ -84,8 +91,7 @@ std::vector<PathPoint> find_path(const EdgeSweep& sweep, const CutMesh& mesh, st
         const Vec3d &p = mesh.place[e[0]], &q = mesh.place[e[1]];
         const Vec3d moved = 0.5 * (moved_by(mesh, e[0]) + moved_by(mesh, e[1]));
         const EdgeSweep s{sweep.a0 + moved, sweep.b0 + moved, sweep.a1, sweep.b1};
-        double along = crossing_along(p, q, s.a0, s.b0, s.b1);
-        if (std::isnan(along)) along = crossing_along(p, q, s.a0, s.b1, s.a1);
+        const double along = crossing_of(s, p, q);
         if (std::isnan(along)) continue;
         PathPoint point{e, kNone, along, time_of(s, p + along * (q - p))};
         const double length = (mesh.rest[e[1]] - mesh.rest[e[0]]).norm(), snap = kSnap * std::max(length, mesh.mean_edge);
@@ -330,6 +336,11 @@ void move_front(const EdgeSweep& s, std::span<const PathPoint> path, std::span<c
 }
 
 }  // namespace
+
+double crossing_of(const EdgeSweep& s, const Vec3d& p, const Vec3d& q) {
+    const double along = crossing_along(p, q, s.a0, s.b0, s.b1);
+    return std::isnan(along) ? crossing_along(p, q, s.a0, s.b1, s.a1) : along;
+}
 
 CutResult cut_surface(const EdgeSweep& sweep, CutMesh& mesh, std::vector<CutVertex>& made) {
     made.clear();

@@ -22,6 +22,10 @@ struct EdgeSweep {
     Vec3d a0, b0, a1, b1;
 };
 
+// Where the quadrilateral of a sweep crosses a segment: fraction of its length from p; NaN if it does not. An end in the plane of the
+// sweep is on one side of it, so that of the edges of a closed surface an even number is crossed.
+double crossing_of(const EdgeSweep& sweep, const Vec3d& p, const Vec3d& q);
+
 // The present surface. Arrays have elements for all vertices and triangles that it may get.
 struct CutMesh {
     uint32_t vertices = 0, triangles = 0;  // present numbers

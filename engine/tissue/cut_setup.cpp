@@ -33,7 +33,24 @@ Meshes make_surface(const CutBody& limits, const std::array<uint32_t, 2>& count,
     return made;
 }
 
-void copy_surface(const Meshes& made, uint32_t prototype, Meshes& meshes) {
+// Largest factors with which no vertex has stiffer springs for its area than the stiffest at load.
+void soften(const CutBody& limits, const Springs& made, uint32_t vertices, std::span<float> factor) {
+    std::vector<uint32_t> degree(vertices, 0);
+    const auto each = [&](const auto& visit) {
+        for (uint32_t slice = 0; slice < made.info[0].slices.count; ++slice)
+            for (size_t h = size_t{made.slice_column[slice]} * kSliceWidth; h < size_t{made.slice_column[slice + 1]} * kSliceWidth; ++h) {
+                const uint32_t v = slice * kSliceWidth + static_cast<uint32_t>(h % kSliceWidth);
+                if (made.neighbour[h] != v) visit(h, v, made.neighbour[h]);
+            }
+    };
+    each([&](size_t, uint32_t v, uint32_t) { ++degree[v]; });
+    const auto share = [&](uint32_t v) { return std::min(1.0, double{made.area_share[v]} * limits.lightest / degree[v]); };
+    each([&](size_t h, uint32_t v, uint32_t far) { factor[h] = static_cast<float>(std::min(share(v), share(far))); });
+}
+
+}  // namespace
+
+void copy_cut_surface(const Meshes& made, uint32_t prototype, Meshes& meshes) {
     MeshInfo& info = meshes.info[prototype];
     const auto copy = [](const auto& from, auto& to, uint32_t first) { std::copy(from.begin(), from.end(), to.begin() + first); };
     copy(made.position, meshes.position, info.vertices.first);
@@ -57,23 +74,6 @@ void copy_surface(const Meshes& made, uint32_t prototype, Meshes& meshes) {
         now.admission = Admission::kWinding;
     info = now;
 }
-
-// Largest factors with which no vertex has stiffer springs for its area than the stiffest at load.
-void soften(const CutBody& limits, const Springs& made, uint32_t vertices, std::span<float> factor) {
-    std::vector<uint32_t> degree(vertices, 0);
-    const auto each = [&](const auto& visit) {
-        for (uint32_t slice = 0; slice < made.info[0].slices.count; ++slice)
-            for (size_t h = size_t{made.slice_column[slice]} * kSliceWidth; h < size_t{made.slice_column[slice + 1]} * kSliceWidth; ++h) {
-                const uint32_t v = slice * kSliceWidth + static_cast<uint32_t>(h % kSliceWidth);
-                if (made.neighbour[h] != v) visit(h, v, made.neighbour[h]);
-            }
-    };
-    each([&](size_t, uint32_t v, uint32_t) { ++degree[v]; });
-    const auto share = [&](uint32_t v) { return std::min(1.0, double{made.area_share[v]} * limits.lightest / degree[v]); };
-    each([&](size_t h, uint32_t v, uint32_t far) { factor[h] = static_cast<float>(std::min(share(v), share(far))); });
-}
-
-}  // namespace
 
 CutRoom room_for_cuts(const MeshInfo& info, uint32_t more) {
     // a split edge adds a vertex and up to two triangles, a duplicate of it another vertex; every triangle alone has three edges
@@ -169,7 +169,7 @@ bool lay_cut_surface(const CutBody& limits, uint32_t index, const CutSurfaces& c
     if (made.slice_column.back() > limits.columns) return false;
     std::vector<float> factor(made.neighbour.size(), 1.0f);
     soften(limits, made, vertices, factor);
-    copy_surface(surface, prototype, meshes);
+    copy_cut_surface(surface, prototype, meshes);
     const SpringInfo& info = springs.info[prototype];
     uint32_t* column = springs.slice_column.data() + info.slices.first + prototype;
     const uint32_t first = column[0];

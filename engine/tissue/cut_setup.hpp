@@ -29,6 +29,8 @@ void add_cut_body(const CutRoom& room, uint32_t columns, uint32_t body, const Me
 // neighbours, pieces, springs and anchors. False if its springs need more columns than there are; then nothing changes.
 bool lay_cut_surface(const CutBody& limits, uint32_t index, const CutSurfaces& cut, const Bodies& bodies, Meshes& meshes, Springs& springs,
                      Anchors& anchors);
+// Copies a surface, the only prototype of `made`, into the reserved elements of a prototype.
+void copy_cut_surface(const Meshes& made, uint32_t prototype, Meshes& meshes);
 // Whether that is what the prototype has.
 bool is_cut_surface_laid(const CutBody& limits, uint32_t index, const CutSurfaces& cut, const Bodies& bodies, const Meshes& meshes);
 

@@ -122,7 +122,7 @@ void add_deformable(const Meshes& meshes, const Springs& springs, const Poses& p
         const Vec3d placed = rotate(poses.orientation[body], rest);
         Float4& offset = particles.offset[p];
         offset = {static_cast<float>(placed.x()), static_cast<float>(placed.y()), static_cast<float>(placed.z()), 0.0f};
-        if (nodes) offset.w = static_cast<float>(1.0 / (tissue.density * nodes->volume[v]));
+        if (nodes && nodes->volume[v] > 0) offset.w = static_cast<float>(1.0 / (tissue.density * nodes->volume[v]));
         if (share[skin + v] > 0) {
             if (!nodes) offset.w = static_cast<float>(1.0 / (mass * share[v] / info.area));
             anchors.stiffness[p] = static_cast<float>(tissue.youngs_modulus * share[skin + v] / tissue.depth);

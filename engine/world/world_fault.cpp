@@ -154,6 +154,14 @@ void check_fields(const World& w, std::string& not_a_number) {
                                                           {"action times", w.actions.time.size()},
                                                           {"cut vertices", w.action_state.cut.position.size()},
                                                           {"cut triangles", w.action_state.cut.triangle.size()},
+                                                          {"lattice tetrahedra", w.actions.lattice_tetrahedron.size()},
+                                                          {"lattice edges", w.actions.lattice_edge.size()},
+                                                          {"lattice faces", w.actions.lattice_face.size()},
+                                                          {"lattice anchors", w.actions.lattice_anchor.size()},
+                                                          {"cut parts", w.action_state.lattice.part.size()},
+                                                          {"cut nodes", w.action_state.lattice.node_of.size()},
+                                                          {"lattice vertices", w.action_state.lattice.vertex.size()},
+                                                          {"lattice triangles", w.action_state.lattice.triangle.size()},
                                                           {"heated nodes", w.actions.heat_volume.size()},
                                                           {"heat edges", w.actions.heat_edge.size()}};
     FieldCheck check{counts};
@@ -284,7 +292,7 @@ void check_solid(const World& w, uint32_t prototype, uint32_t particles) {
             name, "nodes and tetrahedra do not fit");
     require_inside(info.skin, s.embedding_node.size(), name, "skin");
     require_inside(info.skin, s.embedding_weight.size(), name, "skin");
-    require(info.skin.count == 0 || info.skin.count == w.meshes.info[prototype].vertices.count, name, "skin does not fit the surface");
+    require(info.skin.count == 0 || info.skin.count >= w.meshes.info[prototype].vertices.count, name, "skin does not fit the surface");
     for (uint32_t row = info.skin.first; row < info.skin.end(); ++row) {
         for (const uint32_t node : s.embedding_node[row]) require_below(node, info.nodes.count, name, "node of the skin");
         for (const double weight : s.embedding_weight[row]) require(std::isfinite(weight), name, "weight of the skin");
@@ -432,6 +440,54 @@ void check_tear_faces(const World& w, const TearBody& t, uint32_t prototype) {
     require(std::count(lost, lost + info.count, 0) > 0, "tears: a solid without a tetrahedron");
 }
 
+// The pieces of a solid that instruments may cut.
+void check_pieces(const World& w, uint32_t index) {
+    const CutSolid& limits = w.actions.cut_solid[index];
+    const CutLattices& state = w.action_state.lattice;
+    const std::string name = "cut solid " + std::to_string(index) + ": ";
+    require_below(limits.body, static_cast<uint32_t>(w.bodies.mesh.size()), name, "body");
+    const auto& [nodes, parts, vertices, triangles] = state.count[index];
+    require(limits.nodes <= nodes && nodes <= limits.copies.count && limits.tetrahedra.count <= parts && parts <= limits.parts.count &&
+                vertices > 0 && vertices <= limits.vertices.count && triangles > 0 && triangles <= limits.triangles.count &&
+                limits.anchors.count == limits.nodes,
+            name, "more or less than there may be");
+    for (uint32_t t = limits.tetrahedra.first; t < limits.tetrahedra.end(); ++t) {
+        for (const uint32_t n : w.actions.lattice_tetrahedron[t]) require_below(n, limits.nodes, name, "node");
+        for (const uint32_t n : w.actions.lattice_neighbour[t]) require_below_or_none(n, limits.tetrahedra.count, name + "neighbour");
+    }
+    for (uint32_t e = limits.edges.first; e < limits.edges.end(); ++e)
+        require(w.actions.lattice_edge[e][0] < w.actions.lattice_edge[e][1] && w.actions.lattice_edge[e][1] < limits.nodes, name, "edge");
+    for (uint32_t f = limits.faces.first; f < limits.faces.end(); ++f)
+        require_below(w.actions.lattice_face[f].tetrahedron, limits.tetrahedra.count, name, "face");
+    for (uint32_t n = 0; n < nodes; ++n) require_below(state.node_of[limits.copies.first + n], limits.nodes, name, "copy");
+    std::vector<uint32_t> owned(limits.tetrahedra.count, 0);
+    for (uint32_t p = 0; p < parts; ++p) {
+        const CutPart& part = state.part[limits.parts.first + p];
+        require_below(part.tetrahedron, limits.tetrahedra.count, name, "tetrahedron of a part");
+        require(part.owned > 0 && part.owned < 16 && !(owned[part.tetrahedron] & part.owned), name, "corners of a part");
+        owned[part.tetrahedron] |= part.owned;
+        for (const uint32_t n : part.node) require_below(n, nodes, name, "node of a part");
+    }
+    for (const uint32_t all : owned) require(all == 15, name, "a corner that no part owns");
+    for (uint32_t v = 0; v < vertices; ++v)
+        for (const uint32_t n : state.vertex[limits.vertices.first + v].node) require_below(n, nodes, name, "node of a vertex");
+    for (uint32_t t = 0; t < triangles; ++t)
+        for (const uint32_t v : state.triangle[limits.triangles.first + t]) require_below(v, vertices, name, "vertex of a triangle");
+}
+
+void check_lattices(const World& w) {
+    const Actions& a = w.actions;
+    const CutLattices& state = w.action_state.lattice;
+    require(state.count.size() == a.cut_solid.size() && state.cut_at.size() == a.lattice_edge.size() &&
+                a.lattice_neighbour.size() == a.lattice_tetrahedron.size() && a.lattice_uv.size() == a.lattice_face.size() &&
+                a.lattice_material.size() == a.lattice_face.size() && state.before.size() == state.node_of.size() &&
+                state.uv.size() == state.triangle.size() && state.material.size() == state.triangle.size(),
+            "cut solids: arrays of different length");
+    for (const auto& [action, solid] : a.solid_cuts)
+        require(action < a.action.size() && solid < a.cut_solid.size(), "cut solids: a cut of nothing");
+    for (uint32_t index = 0; index < a.cut_solid.size(); ++index) check_pieces(w, index);
+}
+
 void check_tears(const World& w) {
     require(w.torn.cut.size() == w.tears.cut.size(), "cuts: not one state each");
     const size_t rows = w.torn.spring.size();
@@ -548,6 +604,7 @@ void check_world(const World& w) {
     check_nodes(w);
     check_links(w);
     check_tears(w);
+    check_lattices(w);
     require(all_have(w.pair_memory, w.pair_memory.a.size()), "pair memory: arrays of different length");
     check_contact_memory(w);
     check_self_contacts(w);

@@ -54,7 +54,7 @@ void torn_springs(World& w, FrameState&) { copy_torn_springs(w.springs, w.solids
 
 void tool_cuts(World& w, FrameState&) {
     cut_with_tools({w.bodies, w.actions, w.haptics.tool, w.settings.gravity, period_seconds(w), !w.links.group.empty(), w.poses,
-                    w.particles, w.meshes, w.springs, w.anchors, w.trees, w.haptics.state, w.action_state, w.sleep, w.energy});
+                    w.particles, w.meshes, w.springs, w.solids, w.anchors, w.trees, w.haptics.state, w.action_state, w.sleep, w.energy});
 }
 
 ContactInputs contact_inputs(const World& w) {
@@ -258,7 +258,7 @@ bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
 
 bool any_link(const World& w) { return !w.links.group.empty(); }
 bool any_action(const World& w) { return !w.actions.action.empty(); }
-bool any_tool_cut(const World& w) { return !w.actions.cut_body.empty(); }
+bool any_tool_cut(const World& w) { return !w.actions.cut_body.empty() || !w.actions.cut_solid.empty(); }
 bool any_tear(const World& w) { return !w.tears.body.empty(); }
 bool any_jaw_or_link(const World& w) { return any_pair(w) && (any_link(w) || !w.haptics.jaw.empty()); }
 bool any_excluded(const World& w) { return any_pair(w) && (any_tool(w) || !w.nodes.apart.empty()); }
@@ -294,7 +294,7 @@ constexpr FrameStage kStages[] = {
     {S::kTornSprings,     P::kInput,    {"torn springs",    run<stages::torn_springs>,      mask(R::kSprings, R::kSolids, R::kBodies, R::kTears, R::kTorn),
         mask(R::kTornSprings)}, any_tear},
     {S::kToolCuts,        P::kInput,    {"tool cuts",       run<stages::tool_cuts>,         mask(R::kSettings, R::kClock, R::kBodies, R::kActions, R::kTools, R::kLinks),
-        mask(R::kPoses, R::kParticles, R::kMeshes, R::kSprings, R::kAnchors, R::kTrees, R::kToolState, R::kActionState, R::kSleep, R::kEnergy)}, any_tool_cut},
+        mask(R::kPoses, R::kParticles, R::kMeshes, R::kSprings, R::kSolids, R::kAnchors, R::kTrees, R::kToolState, R::kActionState, R::kSleep, R::kEnergy)}, any_tool_cut},
     {S::kBodyBoxes,       P::kDetection,{"body boxes",      run<stages::body_boxes>,        kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kSpawning, R::kNodeState, R::kSleep),
         mask(R::kBoxes, R::kReport)}, any_pair},
     {S::kFastBodies,      P::kDetection,{"fast bodies",     run<stages::fast_bodies>,       kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kNodeState),

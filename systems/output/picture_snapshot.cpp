@@ -184,14 +184,22 @@ void copy_removed(const Surfaces& surfaces, const Tears* tears, PictureSnapshot&
 // A surface that was cut is drawn as its present triangles alone; it has more vertices than at load.
 void copy_cut_surfaces(const PictureInputs& in, PictureSnapshot& out) {
     if (!in.actions || !in.action_state) return;
-    for (const auto& [action, index] : in.actions->cuts) {
-        PictureBody& body = out.body[in.actions->cut_body[index].body];
-        if (!(in.action_state->progress[action].area > 0) || body.exposed.count > 0) continue;
+    for (PictureBody& body : out.body) body.inner = {};
+    const auto copy = [&](uint32_t action, uint32_t of, uint32_t wall) {
+        PictureBody& body = out.body[of];
+        if (!(in.action_state->progress[action].area > 0) || body.exposed.count > 0) return;
         const MeshInfo& info = in.surfaces.meshes.info[body.mesh];
         const auto from = in.surfaces.meshes.triangle.begin() + info.triangles.first;
         body.exposed = {static_cast<uint32_t>(out.exposed.size()), info.triangles.count};
         out.exposed.insert(out.exposed.end(), from, from + info.triangles.count);
-    }
+        // the new surface of a solid comes last
+        const auto material = in.surfaces.meshes.triangle_material.begin() + info.triangles.first;
+        const auto inner = static_cast<uint32_t>(std::count(material, material + info.triangles.count, wall));
+        body.inner = {body.exposed.end() - inner, inner};
+    };
+    for (const auto& [action, index] : in.actions->cuts) copy(action, in.actions->cut_body[index].body, kNone);
+    for (const auto& [action, index] : in.actions->solid_cuts)
+        copy(action, in.actions->cut_solid[index].body, in.actions->cut_solid[index].wall);
 }
 
 // 1 - exp(-damage), the part of the proteins that denatured, at the vertices of heated bodies.

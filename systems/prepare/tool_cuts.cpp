@@ -5,6 +5,7 @@
 
 #include "engine/mesh/surface_cut.hpp"
 #include "engine/tissue/cut_setup.hpp"
+#include "engine/tissue/embedded_surface.hpp"
 namespace trocar {
 namespace {
 
@@ -37,7 +38,7 @@ void put_lists(uint32_t index, uint32_t action, const CutMesh& mesh, CutSurfaces
 double energy_of_body(const CutWorld& w, uint32_t body) {
     Energy energy;
     BodyEnergyScratch scratch;
-    add_body_energy({w.springs, w.bodies, w.poses, w.particles, w.anchors, w.gravity, {.actions = &w.actions}}, body, scratch, energy);
+    add_body_energy({w.springs, w.bodies, w.poses, w.particles, w.anchors, w.gravity, {.solids = &w.solids, .actions = &w.actions}}, body, scratch, energy);
     return energy.kinetic + energy.elastic + energy.gravity;
 }
 
@@ -155,6 +156,74 @@ double cut_body(const CutWorld& w, uint32_t action, uint32_t index, EdgeSweep sw
     return result.length;
 }
 
+// Places of the nodes of a solid's lattice, m from the body's origin.
+std::vector<Vec3d> places_of_lattice(const CutWorld& w, const CutSolid& limits) {
+    const uint32_t first = w.bodies.particles[limits.body].first + embedded_count(w.solids, w.bodies.mesh[limits.body]);
+    std::vector<Vec3d> place(limits.nodes);
+    for (uint32_t n = 0; n < limits.nodes; ++n) {
+        const Float4& o = w.particles.offset[first + n];
+        place[n] = {o.x, o.y, o.z};
+    }
+    return place;
+}
+
+// Copies of nodes move as they do; nodes have the mass of the parts around them. A virtual copy of a fixed node is free.
+void place_copies(const CutWorld& w, uint32_t body, uint32_t nodes, std::span<const uint32_t> made) {
+    Particles& p = w.particles;
+    const SolidInfo& info = w.solids.info[w.bodies.mesh[body]];
+    const uint32_t first = w.bodies.particles[body].first + embedded_count(info);
+    const auto inverse_mass = [&](uint32_t n) {
+        return static_cast<float>(1.0 / (w.bodies.tissue[body].density * w.solids.node_volume[info.nodes.first + n]));
+    };
+    for (uint32_t n = 0; n < nodes; ++n)
+        if (p.offset[first + n].w > 0) p.offset[first + n].w = inverse_mass(n);
+    for (uint32_t i = 0; i < made.size(); ++i) {
+        const uint32_t to = first + nodes + i, from = first + made[i];
+        p.offset[to] = p.offset[from];
+        p.offset[to].w = inverse_mass(nodes + i);
+        for (auto* field : {&p.velocity_x, &p.velocity_y, &p.velocity_z}) (*field)[to] = (*field)[from];
+    }
+    drape_skin(w.solids, w.bodies, body, p);
+}
+
+// Makes one cut of one solid. Returns the area of the new surface on one side, m^2.
+double cut_solid(const CutWorld& w, uint32_t action, uint32_t index, EdgeSweep sweep) {
+    const CutSolid& limits = w.actions.cut_solid[index];
+    const uint32_t body = limits.body;
+    CutLattices& state = w.state.lattice;
+    for (Vec3d* p : {&sweep.a0, &sweep.b0, &sweep.a1, &sweep.b1}) *p -= w.poses.origin[body];
+    const auto start = state.before.begin() + limits.copies.first;
+    std::vector<Vec3d> before(start, start + limits.nodes);
+    for (Vec3d& p : before) p -= w.poses.origin[body];
+    const Lattice lattice = lattice_of(limits, w.actions);
+    const auto crossed = crossed_edges(sweep, lattice, places_of_lattice(w, limits), before,
+                                       std::span(state.cut_at).subspan(limits.edges.first, limits.edges.count));
+    if (crossed.empty()) return 0;
+    LatticePieces pieces = take_pieces(limits, index, state);
+    const SolidInfo& info = w.solids.info[w.bodies.mesh[body]];
+    const std::span rest = std::span(w.solids.position).subspan(info.inner.first, limits.nodes);
+    const double area = wall_area(lattice, pieces, rest);
+    const uint32_t nodes = state.count[index][0];
+    std::vector<uint32_t> made;
+    if (!cut_lattice(lattice, crossed, pieces, made)) {
+        put_pieces(limits, index, pieces, state);
+        return 0;
+    }
+    const double energy = energy_of_body(w, body);
+    CutLattices next = state;
+    if (!put_pieces(limits, index, pieces, next) ||
+        !lay_cut_solid(limits, index, w.actions, next, w.bodies, {w.meshes, w.springs, w.solids, w.anchors})) {
+        ++w.state.progress[action].refused;
+        return 0;
+    }
+    state = std::move(next);
+    place_copies(w, body, nodes, made);
+    remake_tree(body, w.bodies, w.particles, w.meshes, w.trees);
+    w.energy.work_links += energy_of_body(w, body) - energy;
+    if (body < w.sleep.still.size()) w.sleep.still[body] = 0;
+    return std::max(0.0, wall_area(lattice, pieces, rest) - area);
+}
+
 // Takes the work that a tool owes from its motion along the sweep, as far as that goes. Returns the mean force on it, N.
 Vec3d resist(const CutWorld& w, const ToolAction& action, const Vec3d& moved, ActionProgress& progress) {
     const uint32_t body = w.tools[action.tool].body;
@@ -178,6 +247,15 @@ void note_places(const CutWorld& w) {
         return std::any_of(w.actions.cuts.begin(), w.actions.cuts.end(),
                            [&](const auto& c) { return c[1] == index && w.state.progress[c[0]].swept; });
     };
+    for (uint32_t index = 0; index < w.actions.cut_solid.size(); ++index) {
+        if (std::none_of(w.actions.solid_cuts.begin(), w.actions.solid_cuts.end(),
+                         [&](const auto& c) { return c[1] == index && w.state.progress[c[0]].swept; }))
+            continue;
+        const CutSolid& limits = w.actions.cut_solid[index];
+        const std::vector<Vec3d> place = places_of_lattice(w, limits);
+        for (uint32_t n = 0; n < limits.nodes; ++n)
+            w.state.lattice.before[limits.copies.first + n] = w.poses.origin[limits.body] + place[n];
+    }
     for (uint32_t index = 0; index < w.actions.cut_body.size(); ++index) {
         if (!is_cut_now(index)) continue;
         const CutBody& limits = w.actions.cut_body[index];
@@ -212,12 +290,14 @@ void cut_with_tools(const CutWorld& w) {
         const bool moved = progress.swept;
         progress.swept = true, progress.from = sweep.a1, progress.from_edge = sweep.b1;
         if (!moved) continue;
-        for (const auto& [by, index] : w.actions.cuts) {
-            if (by != i) continue;
-            const double area = cut_body(w, i, index, sweep) * w.actions.cut_body[index].thickness;
+        const auto count = [&](double area) {
             progress.area += area, progress.work += action.toughness * area, progress.owed += action.toughness * area;
             if (area > 0 && !progress.stroke) progress.stroke = true, ++progress.done;
-        }
+        };
+        for (const auto& [by, index] : w.actions.cuts)
+            if (by == i) count(cut_body(w, i, index, sweep) * w.actions.cut_body[index].thickness);
+        for (const auto& [by, index] : w.actions.solid_cuts)
+            if (by == i) count(cut_solid(w, i, index, sweep));
         force[action.tool] += resist(w, action, 0.5 * (sweep.a1 + sweep.b1 - sweep.a0 - sweep.b0), progress);
     }
     note_places(w);

@@ -7,6 +7,7 @@
 #include "components/report.hpp"
 #include "engine/distance/closest_point.hpp"
 #include "engine/mesh/surfaces.hpp"
+#include "engine/tissue/cut_solid_setup.hpp"
 #include "engine/tissue/body_energy.hpp"
 namespace trocar {
 
@@ -22,6 +23,7 @@ struct CutWorld {
     Particles& particles;
     Meshes& meshes;
     Springs& springs;
+    Solids& solids;
     Anchors& anchors;
     std::span<std::unique_ptr<ClosestPointTree>> trees;
     std::span<ToolState> states;
@@ -30,9 +32,9 @@ struct CutWorld {
     Energy& energy;
 };
 
-// Parts the surfaces that the edges of cutting tools swept through since the last pass, while their triggers are
-// pulled (act has followed them): see cut_surface. Mass is conserved: vertices share that of their triangles. New
-// particles move with the edge that they split. The elastic, kinetic and anchor energy that changes is in the
+// Parts the surfaces and solids that the edges of cutting tools swept through since the last pass, while their triggers are
+// pulled (act has followed them): see cut_surface and cut_lattice. Mass is conserved: vertices share that of their triangles, nodes that of
+// the parts of their tetrahedra. New particles move with the edge that they split, or the node that they were copied from. The elastic, kinetic and anchor energy that changes is in the
 // accounting (work_links). The work of the new surface, toughness times area, is taken from the tool's motion, what
 // that cannot give at once from the next passes: it enters as work of the hand and leaves as work_cuts, and the hand feels
 // its mean force. A cut beyond the reserved elements

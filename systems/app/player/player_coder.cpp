@@ -101,6 +101,8 @@ void put_colours(std::vector<uint8_t>& out, const Meshes& meshes, uint32_t mesh,
 uint32_t most_vertices(const World& w, uint32_t mesh) {
     for (const CutBody& cut : w.actions.cut_body)
         if (w.bodies.mesh[cut.body] == mesh) return cut.vertices.count;
+    for (const CutSolid& cut : w.actions.cut_solid)
+        if (w.bodies.mesh[cut.body] == mesh) return cut.vertices.count;
     return w.meshes.info[mesh].vertices.count;
 }
 
@@ -251,7 +253,8 @@ PlayerCoder::PlayerCoder(const Frame& frame, bool with_cells)
       stages_(frame.stage_names()),
       tools_(frame.world().haptics.tool),
       order_(frame.world().tears.order),
-      cut_(frame.world().action_state.cut.count) {
+      cut_(frame.world().action_state.cut.count),
+      lattice_(frame.world().action_state.lattice.count) {
     const World& w = frame.world();
     origin_ = w.poses.origin.empty() ? Vec3d(Vec3d::Zero()) : w.poses.origin.front();
     for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) {
@@ -316,6 +319,7 @@ PlayerFrame PlayerCoder::whole(const World& w) const {
     }
     for (const TearBody& tear : w.tears.body) put_surface(out.surfaces, w, tear.body);
     for (const CutBody& cut : w.actions.cut_body) put_surface(out.surfaces, w, cut.body);
+    for (const CutSolid& cut : w.actions.cut_solid) put_surface(out.surfaces, w, cut.body);
     return out;
 }
 
@@ -366,6 +370,9 @@ void PlayerCoder::add_surfaces(const World& w, PlayerFrame& out) {
     for (size_t i = 0; i < cut_.size(); ++i)
         if (cut_[i] != w.action_state.cut.count[i]) put_surface(out.surfaces, w, w.actions.cut_body[i].body);
     cut_ = w.action_state.cut.count;
+    for (size_t i = 0; i < lattice_.size(); ++i)
+        if (lattice_[i] != w.action_state.lattice.count[i]) put_surface(out.surfaces, w, w.actions.cut_solid[i].body);
+    lattice_ = w.action_state.lattice.count;
 }
 
 double PlayerCoder::worst_error() const {

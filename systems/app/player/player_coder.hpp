@@ -77,6 +77,7 @@ class PlayerCoder {
     std::vector<uint32_t> state_;  // of all bodies in the newest frame
     std::vector<uint32_t> order_;  // of torn triangles, as in Tears
     std::vector<std::array<uint32_t, 2>> cut_;  // as CutSurfaces::count, of the newest frame
+    std::vector<std::array<uint32_t, 4>> lattice_;  // as CutLattices::count, likewise
     PlayerFrame newest_;           // time, pass, cost and findings of the newest frame
     size_t mesh_count_ = 0;
     std::vector<uint8_t> meshes_;  // coded: shapes, triangles, colours
