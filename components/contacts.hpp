@@ -153,10 +153,11 @@ struct OverlapRegions {
     TROCAR_FIELDS(pair, vertices_a, vertices_b, curves, contour, "m", area, "m^2", volume, "m^3", depth, "m", direction, witness);
 };
 
-// Last valid separation directions of pairs of bodies, for DeepResponse::kLastFree. Ascending by (a, b).
+// Last valid separation directions of pairs of bodies, for DeepResponse::kLastFree. Without it: the pairs that started inside each
+// other and are being parted (find_parting_pairs). Ascending by (a, b).
 struct PairMemory {
     std::vector<uint32_t> a, b;    // bodies
-    std::vector<Vec3d> direction;  // unit, direction in which b left a
+    std::vector<Vec3d> direction;  // unit, direction in which b left a; of pairs being parted as long as the travel that is left, m
     TROCAR_FIELDS(a, b, direction);
 };
 

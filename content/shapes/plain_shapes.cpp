@@ -7,6 +7,7 @@
 #include <map>
 #include <utility>
 
+#include "content/shapes/implicit_shapes.hpp"
 #include "content/shapes/surface_texture.hpp"
 namespace trocar {
 namespace {
@@ -138,6 +139,28 @@ std::vector<Ring> outline_probe(double fine) {
     return rings;
 }
 
+constexpr double kCapsuleRadius = 0.25, kCapsuleHalf = 0.25;  // m; half the length of the cylinder
+
+// Outline of a capsule from its lower pole to the upper one; `fine` is the edge length, m.
+std::vector<Ring> outline_capsule(double fine) {
+    const double row = fine * std::sqrt(0.75), cap = kCapsuleRadius * M_PI / 2;
+    const auto cap_steps = std::max(2u, static_cast<uint32_t>(std::lround(cap / row)));
+    const auto steps = std::max(1u, static_cast<uint32_t>(std::lround(2 * kCapsuleHalf / row)));
+    std::vector<Ring> rings;
+    const auto add = [&](double radius, double height, double arc) {
+        const uint32_t count = radius < 1e-9 ? 1 : std::max(6u, static_cast<uint32_t>(std::lround(2 * M_PI * radius / fine)));
+        rings.push_back({count == 1 ? 0 : radius, height, arc, count, rings.size() % 2 == 0 ? 0.0 : 0.5, 0});
+    };
+    const auto add_cap = [&](uint32_t k, double end, double arc) {  // k steps from its pole
+        const double angle = M_PI / 2 * k / cap_steps;
+        add(kCapsuleRadius * std::sin(angle), end * (kCapsuleHalf + kCapsuleRadius * std::cos(angle)), arc);
+    };
+    for (uint32_t k = 0; k <= cap_steps; ++k) add_cap(k, -1, cap * k / cap_steps);
+    for (uint32_t k = 1; k <= steps; ++k) add(kCapsuleRadius, kCapsuleHalf * (2.0 * k / steps - 1), cap + 2 * kCapsuleHalf * k / steps);
+    for (uint32_t k = cap_steps; k-- > 0;) add_cap(k, 1, 2 * cap + 2 * kCapsuleHalf - cap * k / cap_steps);
+    return rings;
+}
+
 uint32_t count_triangles(const std::vector<Ring>& rings) {
     uint32_t count = 0;
     for (size_t i = 0; i + 1 < rings.size(); ++i) {
@@ -171,6 +194,28 @@ void zip_rings(const Ring& low, const Ring& high, double tile, Mesh& mesh) {
             ++j;
         }
     }
+}
+
+// The surface of revolution about z with about so many triangles: `outline` takes an edge length of up to `coarsest` (m);
+// `tile`: of the texture, m.
+Mesh surface_of_outline(std::vector<Ring> (*outline)(double), double coarsest, double tile, uint32_t triangles) {
+    double low = 1e-5;
+    double high = coarsest;
+    for (int i = 0; i < 60; ++i) {
+        const double middle = (low + high) / 2;
+        (count_triangles(outline(middle)) > triangles ? low : high) = middle;
+    }
+    std::vector<Ring> rings = outline(high);
+    Mesh mesh;
+    for (Ring& ring : rings) {
+        ring.first = static_cast<uint32_t>(mesh.position.size());
+        for (uint32_t i = 0; i < ring.count; ++i) {
+            const double angle = 2 * M_PI * (i + ring.phase) / ring.count;
+            mesh.position.push_back({ring.radius * std::cos(angle), ring.radius * std::sin(angle), ring.height});
+        }
+    }
+    for (size_t i = 0; i + 1 < rings.size(); ++i) zip_rings(rings[i], rings[i + 1], tile, mesh);
+    return mesh;
 }
 
 }  // namespace
@@ -251,22 +296,28 @@ Mesh make_sphere(uint32_t triangles) {
 }
 
 Mesh make_probe(uint32_t triangles) {
-    double low = 1e-5;
-    double high = 0.02;
-    for (int i = 0; i < 60; ++i) {
-        const double middle = (low + high) / 2;
-        (count_triangles(outline_probe(middle)) > triangles ? low : high) = middle;
+    return surface_of_outline(outline_probe, 0.02, 0.03, triangles);
+}
+
+Mesh make_capsule(uint32_t triangles) { return surface_of_outline(outline_capsule, 0.5, 0.25, triangles); }
+
+Mesh make_hull(uint32_t triangles, uint64_t seed) {
+    Mesh mesh = make_sphere(triangles);
+    uint32_t drawn = 0;
+    const auto between = [&](double low, double high) {
+        return low + (high - low) * static_cast<double>(mix_bits(mix_bits(seed) + drawn++) >> 11) * 0x1p-53;
+    };
+    // a projective map, whose plane at infinity stays away, takes planes to planes and what is convex to what is convex
+    const Vec3d size(1, between(0.65, 1), between(0.55, 0.8)), lean(between(-0.5, 0.5), between(-0.5, 0.5), between(-0.5, 0.5));
+    Vec3d least = Vec3d::Constant(1), most = -least;
+    for (Vec3d& p : mesh.position) {
+        p = p.cwiseProduct(size) / (1 + lean.dot(p));
+        least = least.cwiseMin(p), most = most.cwiseMax(p);
     }
-    std::vector<Ring> rings = outline_probe(high);
-    Mesh mesh;
-    for (Ring& ring : rings) {
-        ring.first = static_cast<uint32_t>(mesh.position.size());
-        for (uint32_t i = 0; i < ring.count; ++i) {
-            const double angle = 2 * M_PI * (i + ring.phase) / ring.count;
-            mesh.position.push_back({ring.radius * std::cos(angle), ring.radius * std::sin(angle), ring.height});
-        }
-    }
-    for (size_t i = 0; i + 1 < rings.size(); ++i) zip_rings(rings[i], rings[i + 1], 0.03, mesh);
+    const double scale = 1 / (most - least).maxCoeff();
+    for (Vec3d& p : mesh.position) p = scale * (p - 0.5 * (least + most));
+    mesh.uv.clear();
+    project_uv(0.25, mesh);
     return mesh;
 }
 

@@ -154,11 +154,19 @@ Mesh textured_sphere(uint32_t triangles, uint64_t, Looks) {
     return with_material(make_sphere(triangles), plain_material("sphere", {0.62f, 0.6f, 0.66f}, 0.2f, 0.3f));
 }
 
+Mesh textured_capsule(uint32_t triangles, uint64_t, Looks) {
+    return with_material(make_capsule(triangles), plain_material("capsule", {0.62f, 0.6f, 0.66f}, 0.2f, 0.3f));
+}
+
+Mesh textured_hull(uint32_t triangles, uint64_t seed, Looks) {
+    return with_material(make_hull(triangles, seed), plain_material("hull", {0.58f, 0.57f, 0.54f}, 0.05f, 0.15f));
+}
+
 Mesh textured_table(uint32_t triangles, uint64_t seed, Looks looks) {
     return with_material(make_table(triangles), surface_material("drape", {0.04f, 0.04f, 0.04f}, 0.1f, painted(looks, paint_drape, seed)));
 }
 
-constexpr std::array<Recipe, 22> kRecipes{{
+constexpr std::array<Recipe, 24> kRecipes{{
     {"liver", 100, make_liver, "human liver, 0.21 x 0.15 x 0.12 m; right lobe -x, head +y, belly +z; centred"},
     {"kidney", 100, make_kidney, "human kidney, 0.11 x 0.06 x 0.045 m; poles along x, hilum -y; centred"},
     {"gallbladder", 200, textured_gallbladder, "human gallbladder with neck and stump of the duct; fundus -y, belly +z"},
@@ -178,6 +186,8 @@ constexpr std::array<Recipe, 22> kRecipes{{
     {"sac", 200, textured_sac, "open sheet: pouch of 40 x 50 mm, round end -z, its neck bent outwards in z = 0"},
     {"sphere", 20, textured_sphere, "sphere of diameter 1 m, centred"},
     {"box", 12, textured_box, "cube of 1 m, centred"},
+    {"capsule", 48, textured_capsule, "capsule, 1 m long, 0.5 m thick, along z, centred"},
+    {"hull", 20, textured_hull, "convex stone in a cube of 1 m, irregular by the seed, centred"},
     {"sheet", 50, textured_sheet, "open sheet: square of 1 m in z = 0, facing +z, centred"},
     {"table", 12, textured_table, "draped slab, 0.6 x 0.6 x 0.02 m, thin along z, centred"},
     {"plane", 12, textured_table, "another name for table"},

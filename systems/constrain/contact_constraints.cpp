@@ -227,10 +227,13 @@ bool make_constraint(const ContactInputs& in, const Contacts& contacts, const Pe
         distance *= std::max(0.0, normal.dot(out));
         normal = out;
     }
-    if (lead != Vec3d::Zero() && distance < 0 && find_exit(surfaces, contacts, i, lead, scratch, at)) {
+    if (lead != Vec3d::Zero() && distance < 0 && (in.params.deep != DeepResponse::kNone || !on_sheet) &&
+        find_exit(surfaces, contacts, i, lead, scratch, at)) {
         normal = lead;
         distance = at.distance;
     } else if (parts && distance < 0) {
+        return false;
+    } else if (in.params.deep == DeepResponse::kNone && normal.dot(lead) < 0) {
         return false;
     }
     const Triangle& corner = mesh_view(surfaces.meshes, surfaces.bodies.mesh[other]).triangle[at.triangle];

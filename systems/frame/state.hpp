@@ -10,6 +10,7 @@
 #include "engine/world/world.hpp"
 #include "systems/advance/held_surfaces.hpp"
 #include "systems/advance/islands.hpp"
+#include "systems/advance/parting_bodies.hpp"
 #include "systems/constrain/contact_constraints.hpp"
 #include "systems/constrain/contact_memory.hpp"
 #include "systems/constrain/culled_constraints.hpp"
@@ -27,6 +28,7 @@
 #include "systems/detect/narrow/edge_pass.hpp"
 #include "systems/detect/narrow/face_depth.hpp"
 #include "systems/detect/narrow/overlap.hpp"
+#include "systems/detect/narrow/parting_pairs.hpp"
 #include "systems/detect/narrow/regions.hpp"
 #include "systems/frame/frame.hpp"
 #include "systems/haptics/contact/local_contact_model.hpp"
@@ -73,6 +75,8 @@ struct FrameScratch {
     ContactMemoryScratch memory;
     FaceDepthScratch faces;
     PairMemory directions_before;  // of find_separation_directions
+    PartingPairsScratch parting_pairs;
+    PartingBodiesScratch parting_bodies;
     RegionsScratch regions;
     ContactConstraintsScratch constraints;
     EdgeConstraintsScratch edge_constraints;

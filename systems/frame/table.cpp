@@ -114,6 +114,8 @@ void face_pass(World& w, FrameState& f) {
 void penetration(World& w, FrameState&) { measure_penetrations(w.pairs, w.contacts, w.report, w.penetrations); }
 void deep_overlap(World& w, FrameState& f) {
     find_separation_directions(contact_inputs(w), w.contacts, f.scratch.directions_before, w.pair_memory, w.penetrations, w.sleep.still);
+    find_parting_pairs(contact_inputs(w), w.contacts, w.clock.tick, w.spawning, f.scratch.parting_pairs, w.pair_memory, w.penetrations,
+                       w.sleep.still);
 }
 void regions(World& w, FrameState& f) {
     find_regions(contact_inputs(w), w.screened, w.near, w.contacts, w.contours, f.scratch.regions, w.regions);
@@ -195,10 +197,15 @@ void advance(World& w, FrameState& f) {
     params.substep = w.settings.substep;
     if (!f.options.external_ticks && !w.haptics.tool.empty()) params.ticks = {run_frame_ticks, &ticks};
     params.trace = {f.options.trace, f.island_name, static_cast<uint32_t>(w.clock.pass)};
-    const AdvanceInputs inputs{w.meshes,         w.springs,          w.bodies,        w.anchors,      w.paths,      w.haptics.tool,
+    AdvanceInputs inputs{w.meshes,         w.springs,          w.bodies,        w.anchors,      w.paths,      w.haptics.tool,
                                w.devices.placed, w.clock.period + 1, other_forces(w), w.impact_times, w.haptics.jaw};
+    PartingBodiesScratch& parting = f.scratch.parting_bodies;
+    const bool parts = w.settings.contact.deep == DeepResponse::kNone && !w.pair_memory.a.empty();
+    if (parts) find_parting_contacts(inputs, {w.pair_memory, w.joined_bodies, w.nodes}, w.particles, w.contact_constraints, parting);
+    if (parts) inputs.left = parting.left;
     advance_islands(params, inputs, {w.islands, w.sleep, w.node_state}, f.scratch.advance,
                     {w.particles, w.poses, w.contact_constraints, w.haptics.state}, w.energy, w.report, f.times.response_ns);
+    if (parts) part_bodies(inputs, params.island, period_seconds(w), parting, w.pair_memory, w.particles, w.poses, w.energy.work_push);
 }
 void passed_surfaces(World& w, FrameState& f) {
     find_passed_surfaces(pass_seconds(w), surfaces_of(w), w.local_contact, w.haptics, f.scratch.passed_surfaces, w.passed_surfaces,
@@ -249,7 +256,7 @@ bool wants_regions(const World& w) { return w.settings.contact.regions && any_pa
 bool wants_contours(const World& w) { return (w.settings.contact.contours && any_pair(w)) || wants_regions(w); }
 bool wants_faces(const World& w) { return w.settings.contact.faces && any_pair(w); }
 bool wants_separation_directions(const World& w) {
-    return any_pair(w) && (w.settings.contact.deep != DeepResponse::kNone || !w.bodies.rigid_mass.empty());
+    return any_pair(w) && (w.settings.contact.deep != DeepResponse::kNone || !w.bodies.rigid_mass.empty() || !w.particles.offset.empty());
 }
 bool any_mover(const World& w) { return any_tool(w) || std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands); }
 bool any_deformable(const World& w) { return !w.particles.offset.empty(); }
@@ -333,7 +340,7 @@ constexpr FrameStage kStages[] = {
         mask(R::kContacts)}, wants_faces},
     {S::kPenetration,     P::kDetection,{"penetration",     run<stages::penetration>,       mask(R::kPairs, R::kContacts),
         mask(R::kPenetrations, R::kReport)}, any_pair},
-    {S::kDeepOverlap,     P::kDetection,{"deep overlap",    run<stages::deep_overlap>,      kShapes | mask(R::kSettings, R::kPairs, R::kContacts, R::kTrees),
+    {S::kDeepOverlap,     P::kDetection,{"deep overlap",    run<stages::deep_overlap>,      kShapes | mask(R::kSettings, R::kClock, R::kPairs, R::kContacts, R::kTrees, R::kSpawning),
         mask(R::kPairMemory, R::kPenetrations, R::kSleep)}, wants_separation_directions},
     {S::kRegions,         P::kDetection,{"regions",         run<stages::regions>,           kShapes | mask(R::kPairs, R::kScreened, R::kNear, R::kContacts, R::kContours),
         mask(R::kRegions)}, wants_regions},
@@ -367,8 +374,8 @@ constexpr FrameStage kStages[] = {
         mask(R::kToolState, R::kLocalContact)}, any_tool},
     {S::kHoldingGroups,   P::kAdvance,  {"holding groups",  run<stages::holding_groups>,    mask(R::kBodies, R::kLinks),
         mask(R::kHoldingGroups)}, any_link},
-    {S::kAdvance,         P::kAdvance,  {"advance",         run<stages::advance>,           mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears, R::kNodes, R::kImpactTimes, R::kHoldingGroups, R::kActions),
-        mask(R::kPoses, R::kParticles, R::kContactConstraints, R::kToolState, R::kActionState, R::kDevices, R::kLinks, R::kTorn, R::kTornSprings, R::kNodeState, R::kEnergy, R::kReport)}, any_mover},
+    {S::kAdvance,         P::kAdvance,  {"advance",         run<stages::advance>,           mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears, R::kNodes, R::kImpactTimes, R::kHoldingGroups, R::kActions, R::kJoinedBodies),
+        mask(R::kPairMemory, R::kPoses, R::kParticles, R::kContactConstraints, R::kToolState, R::kActionState, R::kDevices, R::kLinks, R::kTorn, R::kTornSprings, R::kNodeState, R::kEnergy, R::kReport)}, any_mover},
     {S::kPassedSurfaces,  P::kAdvance,  {"passed surfaces", run<stages::passed_surfaces>,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kLocalContact),
         mask(R::kPassedSurfaces, R::kReport)}, any_tool_and_tissue},
     {S::kContactMemory,   P::kAdvance,  {"contact memory",  run<stages::contact_memory>,    mask(R::kContactConstraints),

@@ -91,6 +91,7 @@ INSTANTIATE_TEST_SUITE_P(Few, SmallStressScenes,
                                          // separates them: 0.1 to 2.4 % in twelve seeds
                                          Small{"settle", {{"count", "9"}, {"columns", "2"}, {"resolution", "48"}}, 40, 0.025},
                                          Small{"full_contact", {{"resolution", "600"}}, 3, 0.12, 0.12},
+                                         Small{"pile", {{"count", "12"}, {"columns", "2"}, {"shape", "hull"}, {"resolution", "20"}}, 60},
                                          Small{"come_and_go", {{"count", "12"}, {"life", "0.3"}, {"resolution", "80"}}, 60}),
                          [](const auto& info) { return info.param.name; });
 

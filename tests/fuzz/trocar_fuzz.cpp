@@ -24,14 +24,17 @@
 #include "fuzz/judge.hpp"
 #include "fuzz/random_scene.hpp"
 
-// trocar_fuzz [--count N] [--first SEED] [--minutes M] [--seconds S] [--out DIR] [--seeds FILE] [--list FILE]
-// trocar_fuzz --keep SEED | --shrink SEED | --scene FILE
-// Runs N random scenes (1000) from a seed (0) on, as many as M minutes allow, or those of a file, for a second of simulated
-// time each, S seconds of processor time (10) at most, and prints what is wrong with each. What the run itself warns of is
-// "named"; what is not is a finding, whose scene is kept in DIR (.). Exit code 1 if there was one; with a file of seeds,
-// which must be free of trouble, for what is named, too. --list adds to a file the seeds of scenes without any trouble. --keep prints a
-// scene, --shrink the smallest with the same fault; --scene judges one from a file.
 namespace {
+
+constexpr const char* kHelp =
+    "trocar_fuzz [--count N] [--first SEED] [--minutes M] [--seconds S] [--out DIR] [--seeds FILE] [--list FILE]\n"
+    "trocar_fuzz --keep SEED | --shrink SEED | --scene FILE\n"
+    "Runs N random scenes (1000) from a seed (0) on, as many as M minutes allow, or those of a file, for a second of simulated time\n"
+    "each, S seconds of processor time (10) at most, and prints what is wrong with each. What the run itself warns of is \"named\";\n"
+    "what is not is a finding, whose scene is kept in DIR (.). Exit code 1 if there was one; with a file of seeds, which must be\n"
+    "free of trouble, for what is named, too. --list adds to a file the seeds of scenes without any trouble.\n"
+    "--keep prints a scene, --shrink the smallest with the same fault; --scene judges one from a file.\n"
+    "Example: trocar_fuzz --first 30000 --minutes 5 --out out/fuzz\n";
 
 using namespace trocar;
 using namespace trocar::fuzz;
@@ -235,6 +238,10 @@ Options read_options(int argc, char** argv) {
     Options options;
     for (int k = 1; k < argc; ++k) {
         const auto is = [&](const char* name) { return std::strcmp(argv[k], name) == 0 && k + 1 < argc; };
+        if (std::strcmp(argv[k], "--help") == 0 || std::strcmp(argv[k], "-h") == 0) {
+            std::fputs(kHelp, stdout);
+            std::exit(0);
+        }
         if (is("--count")) {
             options.count = std::strtoull(argv[++k], nullptr, 10);
         } else if (is("--first")) {
@@ -257,7 +264,7 @@ Options read_options(int argc, char** argv) {
         } else if (is("--shrink")) {
             options.shrink = std::strtoll(argv[++k], nullptr, 10);
         } else {
-            std::fprintf(stderr, "trocar_fuzz: %s is no option\n", argv[k]);
+            std::fprintf(stderr, "trocar_fuzz: %s is no option, or has no value: --help\n", argv[k]);
             std::exit(2);
         }
     }

@@ -725,6 +725,7 @@ void prepare_constraint(const AdvanceCall& call, const ContactSolver& solver, ui
     }
     if (meshes.info[bodies.mesh[b]].admission == Admission::kSheet) c.offset = 0.5 * bodies.thickness[b];
     if (const double gap = gap_of(constraints, constraint); gap > 0) c.offset = gap;
+    c.offset += left_overlap(call, constraints, constraint);
 }
 
 void prepare_contacts(const AdvanceCall& call, std::span<const uint32_t> island_constraints, ContactSorting& sorting, ContactSolver& solver,

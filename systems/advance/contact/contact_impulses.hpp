@@ -47,6 +47,11 @@ inline bool may_start_warm(const AdvanceCall& call, const AdvanceIsland& island)
     const auto is_touched_implicit = [](const AdvanceBody& b) { return b.touched && b.synchronous(); };
     return call.params.contact.iterations > 1 || !island.free.empty() || std::ranges::any_of(island.body, is_touched_implicit);
 }
+// m, not positive: how much of a constraint's overlap counts as none (AdvanceInputs::left).
+inline double left_overlap(const AdvanceCall& call, const ContactConstraints& constraints, uint32_t constraint) {
+    if (call.inputs.left.empty() || !call.inputs.left[constraint] || std::isinf(constraints.distance[constraint])) return 0;
+    return std::min(0.0, constraints.distance[constraint]);
+}
 // The impulse of a constraint in the last substep before the call, N s.
 inline Vec4d warm_start_impulse(const AdvanceCall& call, const ContactConstraints& constraints, uint32_t constraint) {
     return constraints.warm_start.empty() ? Vec4d{} : call.dt * to_vec4(constraints.warm_start[constraint]);

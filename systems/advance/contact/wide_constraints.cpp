@@ -217,6 +217,7 @@ void put_constraint(const AdvanceCall& call, const AdvanceIsland& island, const 
     if (call.inputs.meshes.info[bodies.mesh[other]].admission == Admission::kSheet)
         wide_constraint.offset[lane] = 0.5 * bodies.thickness[other];
     if (const double gap = gap_of(constraints, constraint); gap > 0) wide_constraint.offset[lane] = gap;
+    wide_constraint.offset[lane] += left_overlap(call, constraints, constraint);
     wide_constraint.friction.lane[lane] = constraints.friction[constraint];
     wide_constraint.constraint[lane] = constraint;
     if (!std::isinf(constraints.distance[constraint])) wide_constraint.open |= uint8_t(1u << lane);

@@ -59,6 +59,8 @@ struct AdvanceInputs {
     // where it first touches something without a contact constraint, but keeps its velocity. Empty: no stops.
     std::span<const double> stop = {};
     std::span<const ToolJaw> jaws = {};  // of the tools
+    // Per contact constraint: 1 = its overlap at the start of the call counts as none; empty: none is. See part_bodies.
+    std::span<const uint8_t> left = {};
     bool leapfrog = false;               // implicit bodies take leapfrog in this call: needs_leapfrog
 };
 inline Stepping stepping_of(const AdvanceInputs& inputs, uint32_t body) {

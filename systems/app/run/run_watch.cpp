@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <utility>
 
 #include "engine/contact/sleeping_bodies.hpp"
@@ -48,6 +49,54 @@ double seconds_of_step(const World& w, uint32_t body) {
     const uint32_t mesh = w.bodies.mesh[body];
     const double tetrahedra = mesh < w.solids.info.size() ? w.solids.info[mesh].count : 0;
     return kStepOfParticle * w.bodies.particles[body].count + kStepOfTetrahedron * tetrahedra;
+}
+
+// kg, of a body that moves; else 0.
+double moving_mass(const World& w, uint32_t body) {
+    const auto own = std::ranges::find(w.bodies.rigid_mass, uint64_t{body}, &RigidMass::body);
+    double mass = own == w.bodies.rigid_mass.end() ? 0 : own->mass;
+    for (uint32_t p = w.bodies.particles[body].first; p < w.bodies.particles[body].end(); ++p)
+        if (w.particles.offset[p].w > 0) mass += 1 / static_cast<double>(w.particles.offset[p].w);
+    return mass;
+}
+
+// J, the most that parting a pair takes: to strain the softer body, a ball as large as the smaller one, by the overlap over its
+// radius, and to lift both.
+double parting_work(const World& w, const Overlap& o) {
+    const double radius = 0.5 * o.depth / o.share, volume = 4.0 / 3 * std::numbers::pi * radius * radius * radius;
+    double modulus = std::numeric_limits<double>::infinity();
+    for (const uint32_t body : {o.a, o.b})
+        if (is_deformable(w.bodies, body)) modulus = std::min(modulus, w.bodies.tissue[body].youngs_modulus);
+    const double strain = o.depth / radius, elastic = std::isfinite(modulus) ? 0.5 * modulus * strain * strain * volume : 0;
+    return elastic + (moving_mass(w, o.a) + moving_mass(w, o.b)) * w.settings.gravity.norm() * o.depth;
+}
+
+// m, how far a soft or scripted body goes in the pass that follows, if contacts do not look that far ahead; else 0.
+Vec3d unswept_travel(const World& w, uint32_t body) {
+    const double period = static_cast<double>(w.clock.period) * 1e-3;
+    Vec3d velocity = Vec3d::Zero();
+    if (w.bodies.motion[body] == Motion::kKinematic) velocity = w.poses.velocity[body];
+    if (is_deformable(w.bodies, body)) {
+        const Range particles = w.bodies.particles[body];
+        const uint32_t count = w.meshes.info[w.bodies.mesh[body]].vertices.count;
+        const Particles& p = w.particles;
+        for (uint32_t i = particles.first; i < particles.first + count; ++i)
+            velocity += Vec3d(p.velocity_x[i], p.velocity_y[i], p.velocity_z[i]) / count;
+    }
+    return velocity.norm() * period > w.boxes.margin[body] ? Vec3d(velocity * period) : Vec3d::Zero();
+}
+
+// A body in the way of a box that travels, or kNone.
+uint32_t body_in_the_way(const World& w, uint32_t body, const Vec3d& travel) {
+    Box swept = w.boxes.box[body];
+    swept.min = swept.min.cwiseMin(swept.min + travel);
+    swept.max = swept.max.cwiseMax(swept.max + travel);
+    for (uint32_t other = 0; other < w.boxes.box.size(); ++other) {
+        const Box& box = w.boxes.box[other];
+        const bool meets = (swept.min.array() <= box.max.array()).all() && (box.min.array() <= swept.max.array()).all();
+        if (other != body && meets && (joins_islands(w.bodies.motion[body]) || joins_islands(w.bodies.motion[other]))) return other;
+    }
+    return kNone;
 }
 
 // Pairs of the last pass deeper than a share of the smaller body.
@@ -157,6 +206,7 @@ void RunWatch::after_pass(Frame& frame) {
     look_at_passed_surfaces(w);
     look_at_tetrahedra(w);
     look_at_crossings(w);
+    look_at_unswept(w);
     follow_overlaps(w);
     if (frame.times().picture && budget_.known) look_at_energy(frame);
 }
@@ -170,7 +220,10 @@ void RunWatch::look_at_start(World& w) {
                                    name_of(w, o.b), 1e3 * o.depth, 100 * o.share));
     }
     w.report.start_overlaps += deep.size();
-    for (const Overlap& o : overlaps(w, kParted)) parting_.push_back({o.a, o.b});
+    for (const Overlap& o : start_overlaps(w, kParted)) {
+        parting_.push_back({o.a, o.b});
+        parting_left_ += parting_work(w, o);
+    }
     if (!texts.empty()) warnings_.push_back(listed(texts) + ": move them apart");
 }
 
@@ -215,6 +268,21 @@ void RunWatch::look_at_steps(const World& w) {
     if (texts.empty()) return;
     short_ = true;
     warnings_.push_back(listed(texts) + ": stiff, light or finely meshed tissue is slow");
+}
+
+// Once, of a body that comes near another.
+void RunWatch::look_at_unswept(const World& w) {
+    if (std::exchange(unswept_before_, w.report.unswept_bodies) == w.report.unswept_bodies || unswept_) return;
+    for (uint32_t body = 0; body < w.bodies.mesh.size() && !unswept_; ++body) {
+        const Vec3d travel = unswept_travel(w, body);
+        const uint32_t other = travel.isZero(0) ? kNone : body_in_the_way(w, body, travel);
+        if (other == kNone) continue;
+        unswept_ = true;
+        warnings_.push_back(format("\"%s\" moves %.3g mm in a contact pass at %.3f s, contacts look %.3g mm ahead: it may go through \"%s\" "
+                                   "unless contact.rate is higher",
+                                   name_of(w, body), 1e3 * travel.norm(), static_cast<double>(w.clock.tick) * 1e-3,
+                                   1e3 * w.boxes.margin[body], name_of(w, other)));
+    }
 }
 
 void RunWatch::look_at_tetrahedra(const World& w) {
@@ -279,7 +347,8 @@ void RunWatch::follow_overlaps(const World& w) {
             still.push_back(o);
     overlapping_ = std::move(still);
     if (parting_.empty()) return;
-    budget_.parting += std::max(0.0, w.energy.work_push - push_before);
+    const double parting = std::clamp(w.energy.work_push - push_before, 0.0, parting_left_);
+    budget_.parting += parting, parting_left_ -= parting;
     const std::vector<Overlap> inside = overlaps(w, kParted);
     std::erase_if(parting_, [&](const auto& pair) {
         return std::ranges::none_of(inside, [&](const Overlap& o) { return o.a == pair[0] && o.b == pair[1]; });

@@ -7,8 +7,8 @@
 namespace trocar {
 
 // Energy of a scene against what entered it: what it had at the start, what hands, scripts and new links brought, and
-// the height lost. While bodies that started inside each other still are, the work of parting them enters, too; so does
-// what comes back into a pool of bodies.
+// the height lost. While bodies that started inside each other still are, the work of parting them enters, too, up to what
+// straining the smaller one by the overlap and lifting it takes; so does what comes back into a pool of bodies.
 struct EnergyBudget {
     bool known = false;
     double start = 0, start_gravity = 0, least_gravity = 0;  // J
@@ -52,6 +52,7 @@ class RunWatch {
     void look_at_crossings(const World& world);
     void count_crossings_at_end(World& world);
     void look_at_steps(const World& world);
+    void look_at_unswept(const World& world);
     void follow_overlaps(const World& world);
 
     std::vector<std::string> warnings_;
@@ -60,13 +61,14 @@ class RunWatch {
     std::vector<LastingOverlap> overlapping_;
     std::vector<std::array<uint32_t, 2>> parting_;  // pairs that started inside each other and still are
     double push_ = 0, numeric_ = 0;                 // J, works after the last pass and picture
+    double parting_left_ = 0;                       // J, that parting may still take
     double worst_unearned_ = 0;                     // J
     std::string worst_text_;
     std::vector<uint8_t> inverted_;      // per body: warned of
     std::vector<uint8_t> passed_;        // per tool: warned of
     std::vector<uint32_t> tool_inside_;  // per tool: the body that it is inside, or kNone
-    uint64_t inverted_before_ = 0;
-    bool short_ = false, unearned_ = false, crossed_ = false;
+    uint64_t inverted_before_ = 0, unswept_before_ = 0;
+    bool unswept_ = false, short_ = false, unearned_ = false, crossed_ = false;
 };
 
 }  // namespace trocar

@@ -44,8 +44,9 @@ bool near_medial_axis(const ContactInputs& in, const Contacts& contacts, uint32_
            direction_to_world(s, other, there.normal).dot(contacts.normal[witness]) < kConflictCosine;
 }
 
-// The direction, of `tried`, 26 and the line between centres, in which b leaves the slab around a soonest.
-Vec3d shortest_separation(const Surfaces& s, uint32_t a, uint32_t b, std::span<const Vec3d> tried = {}) {
+}  // namespace
+
+Vec3d shortest_separation(const Surfaces& s, uint32_t a, uint32_t b, std::span<const Vec3d> tried, double* travel) {
     std::vector<Vec3d> point[2];
     Vec3d middle[2] = {Vec3d::Zero(), Vec3d::Zero()};
     for (int side = 0; side < 2; ++side) {
@@ -69,10 +70,9 @@ Vec3d shortest_separation(const Surfaces& s, uint32_t a, uint32_t b, std::span<c
     for (int i = 0; i < 27; ++i) {
         if (i != 13) try_direction(Vec3d(i / 9 - 1, i / 3 % 3 - 1, i % 3 - 1).normalized());
     }
+    if (travel) *travel = soonest;
     return best;
 }
-
-}  // namespace
 
 void measure_penetrations(const BroadPhasePairs& pairs, const Contacts& contacts, Report& report, Penetrations& out) {
     out.pair.clear();

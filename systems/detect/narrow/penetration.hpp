@@ -26,6 +26,10 @@ void mark_saturated(const ContactInputs& in, const Contacts& contacts, Penetrati
 void remember_separation_directions(const ContactInputs& in, const Contacts& contacts, PairMemory& before, PairMemory& memory,
                                     Penetrations& penetrations);
 
+// The direction, of `tried`, 26 and the line between the middles, in which b leaves the slab around a soonest; `travel`: how far it
+// goes until then, m.
+Vec3d shortest_separation(const Surfaces& surfaces, uint32_t a, uint32_t b, std::span<const Vec3d> tried = {}, double* travel = nullptr);
+
 // Marks overlapping pairs of a free and a rigid body as saturated if they are deeper than a hundredth of the smaller one, and gives them
 // the direction of the shortest translation that separates them: shallow contacts push such a pair out at several sides at once.
 // Free bodies deeper than the tolerance are not `still` (ms, Sleep::still; may be empty).

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <numbers>
 #include <set>
 #include <thread>
 
@@ -38,6 +39,7 @@ Known known_of(const std::string& name) {
     if (name == "ring") return {1, 0, false};
     if (name == "cannula") return {1, 0, false, 15, 20, 37};  // rows widen along its funnel
     if (name == "needle") return {1, 2, false, 3, 25, 50};
+    if (name == "hull") return {1, 2, false, 10, 15, 35};  // a sphere's triangles, stretched
     if (name == "tacker") return {2, 4, false, 7, 20, 50};
     return {};
 }
@@ -337,6 +339,44 @@ TEST(ShapeLibrary, TextureOfLoftedShapesRunsOnAcrossTheSeam) {
             }
         }
         EXPECT_GT(seam, 20u) << name;
+    }
+}
+
+// Every corner lies as far from the axis' segment as the radius; the volume comes close to the capsule's from below.
+TEST(ShapeLibrary, CapsuleIsACapsule) {
+    double missing = 1;
+    for (const uint32_t triangles : {48u, 500u, 8000u}) {
+        const Mesh mesh = make_shape("capsule", triangles, 1, Looks::kPlain);
+        for (const Vec3d& p : mesh.position) EXPECT_NEAR((p - Vec3d(0, 0, std::clamp(p.z(), -0.25, 0.25))).norm(), 0.25, 1e-12);
+        const double exact = std::numbers::pi * 0.0625 * (0.5 + 4.0 / 3 * 0.25), less = 1 - reference::survey_surface(mesh).volume / exact;
+        EXPECT_GT(less, 0);
+        EXPECT_LT(less, missing);
+        missing = less;
+    }
+    EXPECT_LT(missing, 0.005);
+}
+
+// No corner above any face's plane, by trying all; as long as a cube's edge; another seed, another stone.
+TEST(ShapeLibrary, HullsAreConvex) {
+    double first = 0;
+    for (const uint64_t seed : {1u, 2u, 3u, 4u}) {
+        for (const uint32_t triangles : {20u, 80u, 720u}) {
+            const Mesh mesh = make_shape("hull", triangles, seed, Looks::kPlain);
+            double highest = -1;
+            Vec3d low = mesh.position[0], high = low;
+            for (const Triangle& t : mesh.triangle) {
+                const Vec3d& a = mesh.position[t[0]];
+                const Vec3d normal = (mesh.position[t[1]] - a).cross(mesh.position[t[2]] - a).normalized();
+                for (const Vec3d& p : mesh.position) highest = std::max(highest, normal.dot(p - a));
+            }
+            for (const Vec3d& p : mesh.position) low = low.cwiseMin(p), high = high.cwiseMax(p);
+            EXPECT_LT(highest, 1e-12) << seed << ' ' << triangles;
+            EXPECT_NEAR((high - low).maxCoeff(), 1, 1e-12);
+            EXPECT_GT((high - low).minCoeff(), 0.4);
+        }
+        const double volume = reference::survey_surface(make_shape("hull", 80, seed, Looks::kPlain)).volume;
+        EXPECT_GT(std::abs(volume - first), 1e-3);
+        first = volume;
     }
 }
 

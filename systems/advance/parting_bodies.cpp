@@ -1,0 +1,116 @@
+#include "systems/advance/parting_bodies.hpp"
+
+#include <algorithm>
+#include <ranges>
+#include <utility>
+
+namespace trocar {
+namespace {
+
+Range mass_nodes_of(const AdvanceInputs& in, uint32_t body) {
+    const uint32_t skin = in.springs.info[in.bodies.mesh[body]].skin;
+    return {in.bodies.particles[body].first + skin, in.bodies.particles[body].count - skin};
+}
+
+constexpr float kNoAnchor = 1e-6f;      // of the springs: solids without a bed have anchors of next to nothing
+constexpr double kMostStrain = 0.5;  // of the smaller body: two that are held and overlap by more are not pressed flat
+
+bool is_anchored(const AdvanceInputs& in, const Particles& particles, uint32_t body) {
+    const Range nodes = mass_nodes_of(in, body);
+    const auto fixed = [&](uint32_t i) { return particles.offset[i].w == 0; };
+    const auto anchored = [&](uint32_t i) { return in.anchors.stiffness[i] > kNoAnchor * in.bodies.spring_stiffness[body]; };
+    const bool in_world = in.bodies.anchor_frame[body] == AnchorFrame::kWorld;
+    for (uint32_t i = nodes.first; i < nodes.end(); ++i) {
+        if (in_world && anchored(i)) return true;
+        if (fixed(i) && i + kSliceWidth < nodes.end()) return true;  // padding, which has no mass either, is in the last slice
+    }
+    return false;
+}
+
+// kg, of a body that can be moved as a whole; else 0.
+double loose_mass(const AdvanceInputs& in, const PartingBodies& parting, const Particles& particles, uint32_t body) {
+    if (std::ranges::any_of(parting.joined, [&](const auto& pair) { return pair[0] == body || pair[1] == body; })) return 0;
+    if (in.bodies.motion[body] == Motion::kFree) {
+        const bool driven = std::ranges::any_of(parting.nodes.drive, [&](const NodeDrive& drive) { return drive.body == body; });
+        const auto own = std::ranges::find(in.bodies.rigid_mass, uint64_t{body}, &RigidMass::body);
+        return driven || own == in.bodies.rigid_mass.end() ? 0 : own->mass;
+    }
+    if (!is_deformable(in.bodies, body) || is_anchored(in, particles, body)) return 0;
+    const Range nodes = mass_nodes_of(in, body);
+    double mass = 0;
+    for (uint32_t i = nodes.first; i < nodes.end(); ++i)
+        if (particles.offset[i].w > 0) mass += 1 / double{particles.offset[i].w};
+    return mass;
+}
+
+void move_body(const Vec3d& shift, uint32_t body, const AdvanceInputs& in, Particles& particles, Poses& poses) {
+    if (in.bodies.motion[body] == Motion::kFree) {
+        poses.origin[body] += shift;
+        return;
+    }
+    const uint32_t skin = mass_nodes_of(in, body).first;
+    for (uint32_t i = in.bodies.particles[body].first; i < in.bodies.particles[body].end(); ++i) {
+        Float4& o = particles.offset[i];
+        if (i >= skin && o.w == 0) continue;  // padding
+        o.x += static_cast<float>(shift.x()), o.y += static_cast<float>(shift.y()), o.z += static_cast<float>(shift.z());
+    }
+}
+
+}  // namespace
+
+void find_parting_contacts(const AdvanceInputs& inputs, const PartingBodies& parting, const Particles& particles,
+                           const ContactConstraints& constraints, PartingBodiesScratch& scratch) {
+    const PairMemory& pairs = parting.pairs;
+    const size_t count = pairs.a.size();
+    scratch.left.clear();
+    scratch.way.assign(count, 0);
+    scratch.mass.clear();
+    for (size_t p = 0; p < count; ++p)
+        scratch.mass.push_back({loose_mass(inputs, parting, particles, pairs.a[p]), loose_mass(inputs, parting, particles, pairs.b[p])});
+    if (count == 0) return;
+    scratch.left.assign(constraints.body.size(), 0);
+    bool any = false;
+    for (size_t c = 0; c < constraints.body.size(); ++c) {
+        const std::pair key(std::min(constraints.body[c], constraints.other[c]), std::max(constraints.body[c], constraints.other[c]));
+        const auto all = std::views::iota(size_t{0}, count);
+        const auto found = std::ranges::lower_bound(all, key, {}, [&](size_t p) { return std::pair(pairs.a[p], pairs.b[p]); });
+        if (found == all.end() || pairs.a[*found] != key.first || pairs.b[*found] != key.second) continue;
+        const size_t p = *found;
+        const bool loose = scratch.mass[p][0] > 0 || scratch.mass[p][1] > 0;
+        scratch.left[c] = loose, any = any || loose;
+        scratch.way[p] = std::max(scratch.way[p], -constraints.distance[c]);
+    }
+    if (!any) scratch.left.clear();
+}
+
+void part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, double seconds, PartingBodiesScratch& scratch,
+                 PairMemory& pairs, Particles& particles, Poses& poses, double& work_push) {
+    const double most = params.contact.push_speed * seconds;
+    scratch.shift.assign(inputs.bodies.mesh.size(), Vec3d::Zero());
+    for (size_t p = 0; p < pairs.a.size(); ++p) {
+        const auto [a, b] = scratch.mass[p];
+        const double length = pairs.direction[p].norm(), step = std::min({scratch.way[p], most, length});
+        const auto radius = [&](uint32_t body) { return inputs.meshes.info[inputs.bodies.mesh[body]].radius; };
+        const bool held = a == 0 && b == 0;
+        if (held && scratch.way[p] > kMostStrain * 2 * std::min(radius(pairs.a[p]), radius(pairs.b[p]))) pairs.direction[p].setZero();
+        if (!(step > 0)) continue;
+        const Vec3d move = pairs.direction[p] * (step / length);
+        pairs.direction[p] -= move;
+        if (held) continue;
+        const double share = a == 0 ? 1 : b == 0 ? 0 : a / (a + b);  // of b
+        scratch.shift[pairs.a[p]] -= (1 - share) * move;
+        scratch.shift[pairs.b[p]] += share * move;
+    }
+    for (size_t p = 0; p < pairs.a.size(); ++p) {
+        for (const auto& [body, mass] : {std::pair(pairs.a[p], scratch.mass[p][0]), {pairs.b[p], scratch.mass[p][1]}}) {
+            Vec3d shift = scratch.shift[body];
+            scratch.shift[body].setZero();
+            if (shift.isZero(0)) continue;
+            shift *= std::min(1.0, most / shift.norm());
+            move_body(shift, body, inputs, particles, poses);
+            if (params.account_energy) work_push -= mass * params.gravity.dot(shift);
+        }
+    }
+}
+
+}  // namespace trocar

@@ -1,0 +1,38 @@
+#pragma once
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "components/nodes.hpp"
+#include "systems/advance/island/call.hpp"
+namespace trocar {
+
+// Reused memory.
+struct PartingBodiesScratch {
+    std::vector<uint8_t> left;           // per contact constraint: see AdvanceInputs::left
+    std::vector<double> way;             // m, per pair: how far it has to go
+    std::vector<std::array<double, 2>> mass;  // kg, per pair, of a and b; 0 = cannot be moved as a whole
+    std::vector<Vec3d> shift;            // m, per body
+};
+
+// Pairs that start inside each other (find_parting_pairs) are parted by moving whole bodies: their shapes stay, so that it
+// stores no energy, and they leave at no more than ContactParams::push_speed. Their contacts keep the bodies from
+// approaching, but corrections leave them alone. A body that something holds - anchors in the world, fixed nodes, links, jaws,
+// a drive - is not moved. Of a pair of such bodies the contacts are corrected as all others are, along the pair's direction if that
+// strains neither by more than half its size, else each along its own normal.
+struct PartingBodies {
+    const PairMemory& pairs;
+    std::span<const std::array<uint32_t, 2>> joined;  // bodies connected by links and jaws
+    const Nodes& nodes;
+};
+
+// Before the advance of a pass: finds the contacts that corrections shall leave alone (scratch.left; empty = none).
+void find_parting_contacts(const AdvanceInputs& inputs, const PartingBodies& parting, const Particles& particles,
+                           const ContactConstraints& constraints, PartingBodiesScratch& scratch);
+// After it: moves the bodies by what a pass of `seconds` allows, shortens the travel that is left to the pairs, and adds the work
+// against gravity to work_push (J).
+void part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, double seconds, PartingBodiesScratch& scratch,
+                 PairMemory& pairs, Particles& particles, Poses& poses, double& work_push);
+
+}  // namespace trocar

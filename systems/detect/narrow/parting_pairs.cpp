@@ -1,0 +1,75 @@
+#include "systems/detect/narrow/parting_pairs.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "engine/mesh/surfaces.hpp"
+#include "systems/detect/narrow/penetration.hpp"
+namespace trocar {
+namespace {
+
+constexpr double kStartsInsideDeep = 0.125;  // of the smaller body: what a run warns of as a mistake
+constexpr double kMostTravel = 4;            // of what parts a pair that starts inside each other: others may be in the way
+constexpr size_t kNormalsTried = 16;
+
+bool may_part(const Bodies& bodies, uint32_t a, uint32_t b) {
+    return (is_deformable(bodies, a) || is_deformable(bodies, b)) && bodies.motion[a] != Motion::kHand && bodies.motion[b] != Motion::kHand;
+}
+
+// m, how deep the middle of a body's vertices is inside another; negative if it is not. Where bodies nearly coincide no vertex is deep.
+double middle_depth(const ContactInputs& in, uint32_t body, uint32_t other) {
+    const Surfaces& s = in.surfaces;
+    const uint32_t count = s.meshes.info[s.bodies.mesh[body]].vertices.count;
+    if (s.meshes.info[s.bodies.mesh[other]].admission == Admission::kSheet || count == 0) return -1;
+    Vec3d middle = Vec3d::Zero();
+    for (uint32_t v = 0; v < count; ++v) middle += vertex_position(s, body, v) / count;
+    return -in.trees[s.bodies.tree[other]]->query(world_to_frame(s, other, middle)).distance;
+}
+
+// Shortest translation of b out of the slab around a, m.
+Vec3d way_out(const ContactInputs& in, const Contacts& contacts, uint32_t pair, std::vector<Vec3d>& normals) {
+    const uint32_t a = in.pairs.a[pair], b = in.pairs.b[pair];
+    normals.clear();
+    const auto first = std::ranges::lower_bound(contacts.pair, pair) - contacts.pair.begin();
+    for (auto i = uint32_t(first); i < contacts.pair.size() && contacts.pair[i] == pair && normals.size() < kNormalsTried; ++i)
+        if (contacts.distance[i] < 0) normals.push_back(contacts.body[i] == a ? Vec3d(-contacts.normal[i]) : contacts.normal[i]);
+    double travel = 0;
+    const Vec3d direction = shortest_separation(in.surfaces, a, b, normals, &travel);
+    return std::max(travel, 0.0) * direction;
+}
+
+}  // namespace
+
+void find_parting_pairs(const ContactInputs& in, const Contacts& contacts, uint64_t tick, const SpawnState& spawning,
+                        PartingPairsScratch& scratch, PairMemory& memory, Penetrations& penetrations, std::span<uint32_t> still) {
+    const auto enters = [&](uint32_t body) { return body < spawning.since.size() && !spawning.away[body] && spawning.since[body] == tick; };
+    const bool any_enters = tick == 0 || std::ranges::find(spawning.since, tick) != spawning.since.end();
+    if (in.params.deep != DeepResponse::kNone || (memory.a.empty() && !any_enters)) return;
+    const Surfaces& s = in.surfaces;
+    PairMemory& before = scratch.before;
+    std::swap(before, memory);
+    memory.a.clear(), memory.b.clear(), memory.direction.clear();
+    size_t next = 0;  // of before
+    for (uint32_t i = 0; i < penetrations.pair.size(); ++i) {
+        const uint32_t pair = penetrations.pair[i], a = in.pairs.a[pair], b = in.pairs.b[pair];
+        if (!may_part(s.bodies, a, b)) continue;
+        while (next < before.a.size() && std::pair(before.a[next], before.b[next]) < std::pair(a, b)) ++next;
+        const bool known = next < before.a.size() && before.a[next] == a && before.b[next] == b;
+        const auto size = [&](uint32_t body) { return 2 * s.meshes.info[s.bodies.mesh[body]].radius; };
+        const auto starts = [&] {
+            if (tick != 0 && !enters(a) && !enters(b)) return false;
+            const double depth = std::max(penetrations.depth[i], std::min(middle_depth(in, a, b), middle_depth(in, b, a)));
+            return depth > kStartsInsideDeep * std::min(size(a), size(b));
+        };
+        if (known ? !(penetrations.depth[i] > in.params.tolerance) : !starts()) continue;
+        const Vec3d way = known ? before.direction[next] : Vec3d(kMostTravel * way_out(in, contacts, pair, scratch.normals));
+        if (!(way.norm() > 0)) continue;
+        memory.a.push_back(a), memory.b.push_back(b), memory.direction.push_back(way);
+        penetrations.saturated[i] = 1;
+        penetrations.separation_direction[i] = way.normalized();
+        for (const uint32_t body : {a, b})
+            if (!still.empty() && in.params.push_speed > 0 && joins_islands(s.bodies.motion[body])) still[body] = 0;
+    }
+}
+
+}  // namespace trocar
