@@ -12,6 +12,8 @@ namespace trocar {
 enum class ActionKind : uint8_t {
     kStaple,  // joins the two nearest surfaces at its point
     kCut,     // parts the surfaces that its edge sweeps through
+    kIrrigate,  // lets water out at its point
+    kSuck,      // takes in liquid near its point
 };
 
 enum class ActionTrigger : uint8_t {
@@ -41,8 +43,12 @@ struct ToolAction {
     uint32_t magazine = 20;                                     // staples that there are
     // cuts
     double toughness = 0;  // J/m^2, work per area of the new surface, Gc
+    // irrigation and suction; within reach of a nozzle it sucks
+    double rate = 0;                     // m^3/s
+    double bore = 3e-3;                  // m, diameter of the jet
+    Vec3d direction{0, 0, -1};           // unit, frame of the tool's body: of the jet
     TROCAR_FIELDS(tool, "index of tools", kind, when, buttons, grip, "rad", force, "N", times, "range of action times", point, "m", edge,
-                  "m", reach, "m", press, "N", stiffness, "N/m", pull_out, "N", magazine, toughness, "J/m^2");
+                  "m", reach, "m", press, "N", stiffness, "N/m", pull_out, "N", magazine, toughness, "J/m^2", rate, "m^3/s", bore, "m", direction);
 };
 
 // A shell or sheet that instruments may cut; its prototype is not shared, and has elements reserved at load.

@@ -32,7 +32,8 @@ struct PictureBody {
     Range depths;    // range of contact_depth, one per vertex; empty without contact
     Range removed;   // range of removed
     Range exposed;   // range of exposed
-    TROCAR_FIELDS(mesh, origin, "m", orientation, motion, box, "m", vertices, depths, removed, exposed);
+    Range liquid;    // range of liquid, one per vertex; empty where the body is dry
+    TROCAR_FIELDS(mesh, origin, "m", orientation, motion, box, "m", vertices, depths, removed, exposed, liquid);
 };
 
 // The deepest point of one overlapping pair.
@@ -84,10 +85,13 @@ struct PictureSnapshot {
     std::vector<PictureTool> tool;
     std::vector<PicturePoint> point;
     std::vector<PictureRod> rod;  // staples
+    // Liquid on a vertex: thickness (m), height of its surface above the vertex (m), how level it stands (0..1), share of blood (0..1).
+    std::vector<Float4> liquid;
+    Vec3d up{0, 0, 1};  // unit, world, against gravity: of the liquid
     double depth = 0;  // m, deepest penetration; 0 when nothing overlaps
     double force = 0;  // N, largest force commanded to a hand
-    TROCAR_FIELDS(number, time, "s", body, position, "m", normal, contact_depth, "m", removed, exposed, witness, tool, point, rod, depth, "m",
-                  force, "N");
+    TROCAR_FIELDS(number, time, "s", body, position, "m", normal, contact_depth, "m", removed, exposed, witness, tool, point, rod, liquid, up,
+                  depth, "m", force, "N");
 };
 
 enum class CameraKind : uint8_t {

@@ -10,10 +10,12 @@ ActionKind read_kind(TomlSection& section) {
     section.read("kind", kind);
     if (kind == "staple") return ActionKind::kStaple;
     if (kind == "cut") return ActionKind::kCut;
+    if (kind == "irrigate") return ActionKind::kIrrigate;
+    if (kind == "suck") return ActionKind::kSuck;
     const bool unfinished = kind == "grasp" || kind == "cauterise" || kind == "suture";
-    section.fail(kind.empty() ? "a [[tool.action]] needs a kind: staple, cut"
-                 : unfinished ? "kind \"" + kind + "\" is not there yet; there are staple, cut"
-                              : "kind \"" + kind + "\" is none of staple, cut");
+    section.fail(kind.empty() ? "a [[tool.action]] needs a kind: staple, cut, irrigate, suck"
+                 : unfinished ? "kind \"" + kind + "\" is not there yet; there are staple, cut, irrigate, suck"
+                              : "kind \"" + kind + "\" is none of staple, cut, irrigate, suck");
 }
 
 // An ascending list of times, s.
@@ -69,6 +71,22 @@ void read_cut_action(TomlSection& section, ActionSpec& spec) {
     spec.action.edge = edge;
 }
 
+constexpr double kMillilitresPerMinute = 1e-6 / 60;  // m^3/s
+
+void read_nozzle(TomlSection& section, ToolAction& action) {
+    double rate = 0;
+    section.read("rate", rate, 0, 1e6);
+    if (!(rate > 0)) section.fail("irrigation and suction need a rate (ml/min)");
+    action.rate = rate * kMillilitresPerMinute;
+    if (action.kind == ActionKind::kIrrigate) {
+        section.read("bore", action.bore, 1e-5, 1);
+        section.read_direction("direction", action.direction);
+    } else {
+        action.reach = 0.005;
+        section.read("reach", action.reach, 1e-9, 1e3);
+    }
+}
+
 }  // namespace
 
 ActionSpec read_action(TomlSection section) {
@@ -82,6 +100,8 @@ ActionSpec read_action(TomlSection section) {
     if (spec.point_given) spec.action.point = point;
     if (spec.action.kind == ActionKind::kStaple)
         read_staple_action(section, spec.action);
+    else if (spec.action.kind != ActionKind::kCut)
+        read_nozzle(section, spec.action);
     else
         read_cut_action(section, spec);
     section.refuse_unknown();

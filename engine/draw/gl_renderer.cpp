@@ -16,7 +16,7 @@
 namespace trocar {
 namespace {
 
-enum Attribute : GLuint { kPosition = 0, kNormal = 1, kTextureUv = 2, kDepth = 3 };
+enum Attribute : GLuint { kPosition = 0, kNormal = 1, kTextureUv = 2, kDepth = 3, kLiquid = 4 };
 
 struct Buffer {
     GLuint name = 0;
@@ -37,13 +37,13 @@ struct BodyBuffers {
     bool grown = false;    // it has vertices that the prototype did not have at load: see upload_grown
     bool damaged = false;  // some vertex is not finite: draw the triangles in `patched` only
     GLuint array = 0;
-    Buffer vertex, depth, patched;
+    Buffer vertex, depth, patched, liquid;
     std::vector<RenderGroup> patched_groups;
     RenderGroup patched_lines;  // after the triangles; only with wires
 };
 
 // Options constant in a draw call; each combination is a separate program, see gl_shaders.hpp.
-constexpr uint32_t kTextured = 1, kDepthColours = 2, kScope = 4, kOutline = 8, kVariants = 16;
+constexpr uint32_t kTextured = 1, kDepthColours = 2, kScope = 4, kOutline = 8, kWet = 32, kVariants = 64;
 uint32_t variant_of(bool textured, bool depth_colours, bool scope) {
     return (textured ? kTextured : 0) | (depth_colours ? kDepthColours : 0) | (scope ? kScope : 0);
 }
@@ -89,11 +89,12 @@ struct MarkerBuffers {
 };
 
 GLuint compile(GLenum kind, uint32_t variant, const char* text) {
-    const std::array<const char*, 7> parts = {shaders::kVersion,
+    const std::array<const char*, 8> parts = {shaders::kVersion,
                                               variant & kTextured ? "#define TEXTURED\n" : "",
                                               variant & kDepthColours ? "#define DEPTH_COLOURS\n" : "",
                                               variant & kScope ? "#define SCOPE\n" : "",
                                               variant & kOutline ? "#define OUTLINE\n" : "",
+                                              variant & kWet ? "#define WET\n" : "",
                                               kind == GL_FRAGMENT_SHADER ? shaders::kMask : "",
                                               text};
     const GLuint shader = glCreateShader(kind);
@@ -341,6 +342,7 @@ struct GlRenderer::Impl {
     void upload_patched(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires);
     void upload_grown(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires);
     void upload_depths(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from);
+    void upload_liquid(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from);
     const Program& use_surface_program(uint32_t variant, const PictureParams& params, const View& view);
     void set_pose(const Program& p, const View& view, const Matrix4& pose);
     void set_material(const Program& p, const Material& material, GLuint image);
@@ -531,6 +533,17 @@ void GlRenderer::Impl::upload_depths(BodyBuffers& buffers, const PictureSnapshot
     glVertexAttribPointer(kDepth, 1, GL_FLOAT, GL_FALSE, 0, nullptr);
 }
 
+void GlRenderer::Impl::upload_liquid(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from) {
+    glBindVertexArray(buffers.array);
+    const std::vector<uint32_t>& source = static_mesh(from.mesh, buffers.rigid).mesh.source;
+    const Float4* liquid = snapshot.liquid.data() + from.liquid.first;
+    stream<Float4>(buffers.liquid, source.size(), [&](Float4* row) {
+        for (size_t i = 0; i < source.size(); ++i) row[i] = liquid[source[i]];
+    });
+    glEnableVertexAttribArray(kLiquid);
+    glVertexAttribPointer(kLiquid, 4, GL_FLOAT, GL_FALSE, 0, nullptr);
+}
+
 void GlRenderer::Impl::upload(const PictureSnapshot& snapshot, const PictureParams& params) {
     if (body.size() < snapshot.body.size()) body.resize(snapshot.body.size());
     for (size_t row = 0; row < snapshot.body.size(); ++row) {
@@ -542,6 +555,7 @@ void GlRenderer::Impl::upload(const PictureSnapshot& snapshot, const PicturePara
         if (static_mesh(from.mesh, is_rigid).mesh.index.empty()) continue;
         if (!is_rigid) upload_shape(buffers, snapshot, from, params.wireframe);
         if (params.depth_colours) upload_depths(buffers, snapshot, from);
+        if (from.liquid.count > 0) upload_liquid(buffers, snapshot, from);
     }
     glBindVertexArray(0);
 }
@@ -669,7 +683,8 @@ void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, 
         const Material& material = known ? meshes.material[materials.first + group.material] : plain;
         const GLuint image = known ? texture[materials.first + group.material] : 0;
         if (group.count == 0 || (known && see_through[materials.first + group.material]) == opaque) continue;
-        const uint32_t variant = variant_of(image != 0, params.depth_colours, view.light_at_eye);
+        const bool wet = from.liquid.count > 0 && !params.depth_colours;
+        const uint32_t variant = variant_of(image != 0, params.depth_colours, view.light_at_eye) | (wet ? kWet : 0);
         if (bound.variant != variant) {
             bound = {variant, nullptr};
             use_surface_program(variant, params, view);
@@ -680,6 +695,7 @@ void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, 
             set_material(p, material, image);
         }
         set_pose(p, view, body_pose(view, from, row));
+        if (wet) glUniform3fv(p.at("up"), 1, to_floats(rotate_back(from.orientation, view.liquid_up)).data());
         glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(group.count), GL_UNSIGNED_INT,
                        reinterpret_cast<const void*>(size_t{4} * group.first));
     }

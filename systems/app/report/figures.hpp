@@ -62,6 +62,13 @@ struct ActionFigures {
     double work = 0;  // J, that it took
 };
 
+// Liquids at the end of a run, m^3.
+struct FluidFigures {
+    bool any = false;  // something may be wet
+    double bled = 0, irrigated = 0, film = 0, pools = 0, drops = 0, sucked = 0, sucked_blood = 0, lost = 0;
+    double error = 0;  // of the ledger, relative
+};
+
 // Detection cost of a pair of bodies, over the passes in which it had candidate vertices.
 struct PairFigures {
     std::string name;  // "liver/kidney"
@@ -122,6 +129,7 @@ struct RunFigures {
     uint64_t tree_builds = 0;  // by Embree, of the bodies' trees
     std::vector<LinkFigures> link;
     ActionFigures actions;
+    FluidFigures fluid;
     std::vector<ToolFigures> tool;
     std::vector<DriveFigures> drive;
     std::vector<ToolSample> tool_sample;            // of every pass

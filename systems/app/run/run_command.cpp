@@ -38,6 +38,7 @@
 #include "systems/app/run/live_run.hpp"
 #include "systems/app/station/exercise_file.hpp"
 #include "systems/app/station/score_section.hpp"
+#include "systems/fluid/amounts.hpp"
 #include "systems/frame/frame.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
@@ -87,13 +88,12 @@ ActionFigures action_figures(const World& w) {
     ActionFigures a;
     for (size_t i = 0; i < w.actions.action.size(); ++i) {
         const ActionProgress& p = w.action_state.progress[i];
-        a.any = true;
         if (w.actions.action[i].kind == ActionKind::kStaple) {
-            a.staples = true;
+            a.any = a.staples = true;
             a.set += p.done, a.misfires += p.misfires, a.pulled_out += p.pulled_out;
             a.pull = std::max(a.pull, p.largest_force);
-        } else {
-            a.cuts = true;
+        } else if (w.actions.action[i].kind == ActionKind::kCut) {
+            a.any = a.cuts = true;
             a.cut += p.done, a.refused += p.refused, a.area += p.area, a.work += p.work;
         }
     }
@@ -102,6 +102,14 @@ ActionFigures action_figures(const World& w) {
         if (group != kNone) a.pull = std::max(a.pull, w.links.group[group].largest_force);
     }
     return a;
+}
+
+FluidFigures fluid_figures(const World& w) {
+    if (w.fluids.body.empty()) return {};
+    FluidShapeScratch scratch;
+    const FluidAmounts there = measure_fluids(surfaces_of(w), w.fluids, w.fluid_state, scratch);
+    const FluidLedger& l = w.fluid_state.ledger;
+    return {true, l.bled, l.irrigated, there.film, there.pools, there.drops, l.sucked, l.sucked_blood, l.lost, there.error};
 }
 
 void finish_figures(const Frame& frame, RunFigures& figures) {
@@ -131,6 +139,7 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
         if (g.body != kNone) figures.link.push_back({g.name, g.made, g.broken, g.largest_force, g.largest_strain});
     }
     figures.actions = action_figures(w);
+    figures.fluid = fluid_figures(w);
     if (!figures.live) {
         figures.ticks = w.haptics.ticks;
         figures.max_force = w.haptics.max_force;
