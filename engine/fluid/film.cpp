@@ -18,23 +18,34 @@ constexpr float kWaveCourant = 0.5f;
 constexpr float kAhead = 0.2f;
 constexpr float kLeastUpright = 0.05f;
 
-// Marks what liquid may leave or reach. False if nothing flows.
+// Finds the blocks of edges and of cells that liquid may flow over and between. False if nothing flows.
 bool find_active(const FilmShape& shape, const Film& film, FilmScratch& s) {
     const size_t cells = film.volume.size(), edges = film.from.size();
-    size_t wet = 0;
+    uint8_t any = 0;
     for (size_t v = 0; v < cells; ++v) {
-        s.active[v] = static_cast<float>(film.volume[v]) * shape.inverse_area[v] > kThinnestFilm;
-        wet += s.active[v];
+        s.wet[v] = static_cast<float>(film.volume[v]) * shape.inverse_area[v] > kThinnestFilm;
+        any |= s.wet[v];
     }
-    s.block.clear();
-    if (wet == 0) return false;
-    const bool all = 4 * wet > cells;
+    s.block.clear(), s.cells.clear();
+    if (!any) return false;
+    std::fill(s.beside.begin(), s.beside.end(), uint8_t{0});
     for (uint32_t first = 0; first < edges; first += kFilmBlock) {
-        uint8_t any = all;
-        for (size_t e = first; !all && e < first + kFilmBlock; ++e) any |= s.active[film.from[e]] | s.active[film.to[e]];
-        if (any) s.block.push_back(first);
+        uint8_t flows = 0;
+        for (size_t e = first; e < first + kFilmBlock; ++e) flows |= s.wet[film.from[e]] | s.wet[film.to[e]];
+        if (!flows) continue;
+        s.block.push_back(first);
+        for (size_t e = first; e < first + kFilmBlock; ++e) s.beside[film.from[e] / kFilmBlock] = s.beside[film.to[e] / kFilmBlock] = 1;
     }
+    for (uint32_t k = 0; k < s.beside.size(); ++k)
+        if (s.beside[k]) s.cells.push_back(k * kFilmBlock);
     return true;
+}
+
+// visit(cell) for all cells of those blocks.
+template <typename Visit>
+void each_cell(const FilmScratch& s, const Visit& visit) {
+    for (const uint32_t first : s.cells)
+        for (size_t v = first; v < first + kFilmBlock; ++v) visit(v);
 }
 
 using Eight = __m256;
@@ -128,16 +139,16 @@ Eight look_at_eight(const Mixture& mixture, float gravity, const FilmShape& shap
 float look_at_cells(const FluidParams& params, float gravity, const FilmShape& shape, const Film& film, FilmScratch& s) {
     const Mixture mixture(params);
     Eight most = _mm256_setzero_ps();
-    for (size_t v = 0; v < s.volume.size(); v += 8) most = _mm256_max_ps(most, look_at_eight(mixture, gravity, shape, film, v, s));
+    for (const uint32_t v : s.cells) most = _mm256_max_ps(most, look_at_eight(mixture, gravity, shape, film, v, s));
     return largest_of(most);
 }
 
 // Drags those cells more whose waves the step does not resolve.
 void damp_unresolved(float dt, FilmScratch& s) {
-    for (size_t v = 0; v < s.cell.size(); ++v) {
+    each_cell(s, [&](size_t v) {
         const float needed = s.stiffness[v] * dt * dt / (kWaveCourant * kWaveCourant) - 4, h = s.cell[v].thickness;
         s.cell[v].drag = std::max(s.cell[v].drag, h * h * needed / (2 * dt));
-    }
+    });
 }
 
 // Flows over eight edges after a step. From thick to thin the weight of the liquid is driven by the mean of what both sides carry
@@ -195,35 +206,31 @@ void move_liquid(const Film& film, FilmScratch& s) {
 
 // Scales flows down where a cell would give more than it has, less what rounding may take.
 void spare_cells(const Film& film, FilmScratch& s) {
-    std::fill(s.out.begin(), s.out.end(), 0.0f);
+    each_cell(s, [&](size_t v) { s.out[v] = 0; });
     const auto each_edge = [&](const auto& visit) {
         for (const uint32_t first : s.block)
             for (size_t e = first; e < first + kFilmBlock; ++e) visit(e, s.moved[e] >= 0 ? film.from[e] : film.to[e]);
     };
     each_edge([&](size_t e, uint32_t from) { s.out[from] += std::abs(s.moved[e]); });
-    for (size_t v = 0; v < film.volume.size(); ++v) {
+    each_cell(s, [&](size_t v) {
         const float has = 0.999f * static_cast<float>(film.volume[v]);
         s.out[v] = s.out[v] > has ? has / s.out[v] : 1.0f;
-    }
+    });
     each_edge([&](size_t e, uint32_t from) { s.flow[e] *= s.out[from], s.moved[e] *= s.out[from], s.dye[e] *= s.out[from]; });
 }
 
 bool any_overdrawn(const FilmScratch& s) {
     uint64_t signs = 0;
-    for (const double v : s.volume) signs |= std::bit_cast<uint64_t>(v);
-    for (const double v : s.blood) signs |= std::bit_cast<uint64_t>(v);
+    each_cell(s, [&](size_t v) { signs |= std::bit_cast<uint64_t>(s.volume[v]) | std::bit_cast<uint64_t>(s.blood[v]); });
     return signs >> 63 != 0;
 }
 
 void load_amounts(const Film& film, FilmScratch& s) {
-    std::copy(film.volume.begin(), film.volume.end(), s.volume.begin());
-    std::copy(film.blood.begin(), film.blood.end(), s.blood.begin());
+    each_cell(s, [&](size_t v) { s.volume[v] = film.volume[v], s.blood[v] = film.blood[v]; });
 }
 
 void take_over(const Film& film, const FilmScratch& s) {
-    std::copy(s.volume.begin(), s.volume.end(), film.volume.begin());
-    std::copy(s.blood.begin(), s.blood.end(), film.blood.begin());
-    std::copy(s.rise.begin(), s.rise.end(), film.rise.begin());
+    each_cell(s, [&](size_t v) { film.volume[v] = s.volume[v], film.blood[v] = s.blood[v], film.rise[v] = s.rise[v]; });
     for (const uint32_t first : s.block) std::copy_n(s.flow.begin() + first, kFilmBlock, film.flow.begin() + first);
 }
 
@@ -232,8 +239,8 @@ void resize(const Film& film, FilmScratch& s) {
     for (auto* each : {&s.rise, &s.stiffness, &s.out}) each->resize(cells);
     for (auto* each : {&s.volume, &s.blood}) each->resize(cells);
     for (auto* each : {&s.flow, &s.moved, &s.dye}) each->resize(edges);
-    s.cell.resize(cells), s.active.resize(cells);
-    s.block.reserve(edges / kFilmBlock);
+    s.cell.resize(cells), s.wet.resize(cells), s.beside.resize(cells / kFilmBlock);
+    s.block.reserve(edges / kFilmBlock), s.cells.reserve(cells / kFilmBlock);
 }
 
 }  // namespace
@@ -254,7 +261,9 @@ void flow_film(const FluidParams& params, double gravity, double seconds, const 
     const double shortest = seconds / kMostSubsteps;
     const float g = static_cast<float>(gravity);
     double left = seconds, dt = *film.step > 0 ? std::min(*film.step, seconds) : shortest;
-    while (left > 1e-9 * seconds && find_active(shape, film, s)) {
+    for (uint32_t turn = 0; left > 1e-9 * seconds; ++turn) {
+        // liquid passes a third of a cell in a substep
+        if (turn % 3 == 0 && !find_active(shape, film, s)) break;
         load_amounts(film, s);
         const float rate = look_at_cells(params, g, shape, film, s);
         const double stable = rate > 0 ? static_cast<double>(kWaveCourant / rate) : seconds;

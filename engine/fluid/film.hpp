@@ -39,8 +39,10 @@ struct FilmScratch {
     std::vector<float> rise, stiffness, out;  // per cell
     std::vector<double> volume, blood;
     std::vector<float> flow, moved, dye;  // per edge
-    std::vector<uint8_t> active;          // per cell
+    std::vector<uint8_t> wet;             // per cell
+    std::vector<uint8_t> beside;          // per block of cells: an end of an edge below is in it
     std::vector<uint32_t> block;          // first edges of blocks with an edge at a wet cell
+    std::vector<uint32_t> cells;          // first cells of blocks with an end of these
     uint32_t substeps = 0;                // of the last call, with those that were tried and taken back
 };
 

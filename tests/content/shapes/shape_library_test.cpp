@@ -40,7 +40,7 @@ Known known_of(const std::string& name) {
     return {};
 }
 
-bool is_sheet(const std::string& name) { return name == "surgical_mesh"; }
+bool is_sheet(const std::string& name) { return name == "surgical_mesh" || name == "dish"; }
 
 void expect_sound(const Mesh& mesh, const std::string& name, const std::string& what) {
     EXPECT_EQ(mesh.uv.size(), mesh.triangle.size()) << what;
