@@ -38,6 +38,7 @@
 #include "systems/app/run/live_run.hpp"
 #include "systems/app/station/exercise_file.hpp"
 #include "systems/app/station/score_section.hpp"
+#include "systems/fluid/amounts.hpp"
 #include "systems/frame/frame.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
@@ -87,6 +88,7 @@ ActionFigures action_figures(const World& w) {
     ActionFigures a;
     for (size_t i = 0; i < w.actions.action.size(); ++i) {
         const ActionProgress& p = w.action_state.progress[i];
+        if (is_nozzle(w.actions.action[i].kind)) continue;
         a.any = true;
         switch (w.actions.action[i].kind) {
             case ActionKind::kStaple:
@@ -107,6 +109,9 @@ ActionFigures action_figures(const World& w) {
                 a.cautery = true;
                 a.burns += p.done, a.heat += p.heat, a.burnt += p.burnt;
                 break;
+            case ActionKind::kIrrigate:
+            case ActionKind::kSuck:
+                break;  // of fluids
         }
     }
     for (const ToolGrasp& grasp : w.action_state.grasp) a.grip = std::max(a.grip, grasp.largest_force);
@@ -118,6 +123,25 @@ ActionFigures action_figures(const World& w) {
         if (group != kNone) a.pull = std::max(a.pull, w.links.group[group].largest_force);
     }
     return a;
+}
+
+FluidFigures fluid_figures(const World& w) {
+    if (w.fluids.body.empty()) return {};
+    FluidShapeScratch scratch;
+    const FluidAmounts there = measure_fluids(surfaces_of(w), w.fluids, w.fluid_state, scratch);
+    const FluidLedger& l = w.fluid_state.ledger;
+    FluidFigures f{true, l.bled, l.irrigated, there.film, there.pools, there.drops, l.sucked, l.sucked_blood, l.lost, there.error};
+    const double now = pass_seconds(w);
+    for (size_t i = 0; i < w.fluids.wound.size(); ++i) {
+        const Wound& wound = w.fluids.wound[i];
+        f.bleeding += w.fluid_state.bleeding[i];
+        if (now <= wound.begin || now >= wound.end) continue;
+        ++f.wounds;
+        if (w.fluid_state.bleeding[i] == 0) ++f.sealed;
+    }
+    for (const double mass : w.fluid_state.puffs.mass) f.smoke += mass;
+    f.emitted = w.fluid_state.smoke.emitted, f.smoke_sucked = w.fluid_state.smoke.sucked, f.cleared = w.fluid_state.smoke.cleared;
+    return f;
 }
 
 void finish_figures(const Frame& frame, RunFigures& figures) {
@@ -147,6 +171,7 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
         if (g.body != kNone) figures.link.push_back({g.name, g.made, g.broken, g.largest_force, g.largest_strain});
     }
     figures.actions = action_figures(w);
+    figures.fluid = fluid_figures(w);
     if (!figures.live) {
         figures.ticks = w.haptics.ticks;
         figures.max_force = w.haptics.max_force;
