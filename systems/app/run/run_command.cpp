@@ -397,6 +397,19 @@ std::string capture_text(const RunFigures& f) {
                   1e3 * f.capture_s / static_cast<double>(f.pass.size()), passes > 0 ? 100 * f.capture_s / passes : 0);
 }
 
+std::string fluid_text(const RunFigures& f) {
+    const FluidFigures& l = f.fluid;
+    if (!l.any) return "";
+    std::string text = format(
+        "  bled %.2f ml, irrigated %.2f ml, sucked %.2f ml; film %.2f ml, pools %.2f ml, drops %.2f ml, lost %.2f ml; ledger to %.1e",
+        1e6 * l.bled, 1e6 * l.irrigated, 1e6 * l.sucked, 1e6 * l.film, 1e6 * l.pools, 1e6 * l.drops, 1e6 * l.lost, std::abs(l.error));
+    if (l.wounds > 0) text += format("; %u of %u wounds sealed", l.sealed, l.wounds);
+    if (l.emitted > 0)
+        text += format("\n  smoke %.3g mg: %.3g sucked, %.3g cleared, %.3g left", 1e6 * l.emitted, 1e6 * l.smoke_sucked, 1e6 * l.cleared,
+                       1e6 * l.smoke);
+    return text + "\n";
+}
+
 void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) {
     const ContactColumns contact = contact_columns(f);
     const std::string text = format(
@@ -406,7 +419,7 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
         f.scene.c_str(), f.simulated_s, f.wall_s, f.build_s, f.threads, f.threads == 1 ? "" : "s", f.instruction_set.c_str(),
         contact.total.size(), mean(contact.total), quantile(contact.total, 0.99), quantile(contact.depth_mm, 1),
         static_cast<unsigned long long>(f.ticks), f.max_force, static_cast<unsigned long long>(f.state_hash));
-    write_standard_output(text + live_text(f) + scale_text(f) + capture_text(f));
+    write_standard_output(text + fluid_text(f) + live_text(f) + scale_text(f) + capture_text(f));
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
                                                           : "  differs from the live run: " + f.replay_difference + "\n");
