@@ -94,20 +94,21 @@ void read_cautery_action(TomlSection& section, ActionSpec& spec) {
     section.read("bodies", spec.bodies);
     if (action.power == 0) section.fail("a cautery needs power: what goes into the tissue (W)");
     if (spec.bodies.empty()) section.fail("a cautery needs bodies: names of the deformable bodies that it heats");
+}
 
-    void read_nozzle(TomlSection & section, ToolAction & action) {
-        double rate = 0;
-        section.read("rate", rate, 0, 1e6);
-        if (!(rate > 0)) section.fail("irrigation and suction need a rate (ml/min)");
-        action.rate = rate * kMillilitresPerMinute;
-        if (action.kind == ActionKind::kIrrigate) {
-            section.read("bore", action.bore, 1e-5, 1);
-            section.read_direction("direction", action.direction);
-        } else {
-            action.reach = 0.005;
-            section.read("reach", action.reach, 1e-9, 1e3);
-        }
+void read_nozzle(TomlSection& section, ToolAction& action) {
+    double rate = 0;
+    section.read("rate", rate, 0, 1e6);
+    if (!(rate > 0)) section.fail("irrigation and suction need a rate (ml/min)");
+    action.rate = rate * kMillilitresPerMinute;
+    if (action.kind == ActionKind::kIrrigate) {
+        section.read("bore", action.bore, 1e-5, 1);
+        section.read_direction("direction", action.direction);
+    } else {
+        action.reach = 0.005;
+        section.read("reach", action.reach, 1e-9, 1e3);
     }
+}
 
 }  // namespace
 

@@ -43,7 +43,7 @@ std::vector<uint32_t> choose_bodies(const SceneFile& scene, const World& world) 
 // Puffs of smoke and edges that bleed, for which there is room. A puff leaves in every pass of a cautery: ten seconds of it.
 constexpr uint32_t kMostPuffs = 600, kMostEdges = 4096;
 
-// What cuts may add to a body.
+// What a body may have after cuts.
 FilmRoom room_of(const World& world, uint32_t body) {
     for (const CutBody& cut : world.actions.cut_body)
         if (cut.body == body) return {cut.vertices.count, cut.edges, true};

@@ -42,8 +42,8 @@ uint64_t hash_triangles(std::span<const Triangle> triangles) {
 void add_film(const Meshes& meshes, uint32_t prototype, uint32_t body, const FilmRoom& room, Fluids& fluids, FluidState& state) {
     const MeshView mesh = mesh_view(meshes, prototype);
     const FilmBody film{body,
-                        {static_cast<uint32_t>(state.volume.size()), padded(mesh.position.size() + room.vertices)},
-                        {static_cast<uint32_t>(state.flow.size()), padded(mesh.edge.size() + room.edges)},
+                        {static_cast<uint32_t>(state.volume.size()), padded(std::max<size_t>(mesh.position.size(), room.vertices))},
+                        {static_cast<uint32_t>(state.flow.size()), padded(std::max<size_t>(mesh.edge.size(), room.edges))},
                         room.changes};
     fluids.body.push_back(film);
     for (auto* each : {&state.volume, &state.blood}) each->resize(film.cells.end(), 0.0);

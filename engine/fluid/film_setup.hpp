@@ -3,7 +3,7 @@
 #include "engine/mesh/mesh_view.hpp"
 namespace trocar {
 
-// Elements that cuts may add to a prototype.
+// Elements that a prototype may have after cuts; less than it has are as many.
 struct FilmRoom {
     uint32_t vertices = 0, edges = 0;
     bool changes = false;  // its triangles may change

@@ -415,7 +415,7 @@ constexpr FrameStage kStages[] = {
         mask(R::kToolState)}, any_tool},
     {S::kFluidSources,    P::kAdvance,  {"fluid sources",   run<stages::fluid_sources>,     kShapes | mask(R::kClock, R::kFluids, R::kTools, R::kActions, R::kActionState, R::kNodeState, R::kLinks, R::kSolids, R::kContactConstraints),
         mask(R::kFluidState)}, any_fluid},
-    {S::kFilms,           P::kAdvance,  {"films",           run<stages::films>,             kShapes | mask(R::kClock, R::kFluids, R::kNodeState),
+    {S::kFilms,           P::kAdvance,  {"films",           run<stages::films>,             kShapes | mask(R::kClock, R::kFluids, R::kNodeState, R::kContactConstraints),
         mask(R::kFluidState)}, any_fluid},
     {S::kDrops,           P::kAdvance,  {"drops",           run<stages::drops>,             kShapes | mask(R::kClock, R::kFluids, R::kNodeState),
         mask(R::kFluidState, R::kTrees)}, any_fluid},

@@ -323,6 +323,44 @@ position = [0.0, 0.0, 0.038]
     });
 }
 
+// Wet and dry in contact: the dry one gets wet where they touch, from what is there, and nothing is lost. Away from it nothing passes.
+TEST(Fluids, BodiesThatTouchShareLiquid) {
+    const auto scene = [](const char* height) {
+        std::string text = bleeding_block("rate = 300.0\nuntil = 0.3") + R"(
+[[body]]
+name = "swab"
+shape = "sphere"
+size = 0.03
+triangles = 600
+motion = "kinematic"
+[[body.path]]
+time = 0.0
+position = [0.0, 0.0, )" + height +
+                           R"(]
+)";
+        text.replace(text.find("bodies = [\"block\", \"dish\"]"), 26, "bodies = [\"block\", \"swab\"]");
+        return text;
+    };
+    for (const bool touches : {true, false}) {
+        run(WrittenScene("shared", scene(touches ? "0.0445" : "0.055")).build().world, 60, [&](Frame& frame, int pass) {
+            const World& w = frame.world();
+            EXPECT_LT(std::abs(amounts_of(w).error), 1e-12);
+            if (pass < 59) return;
+            const Range cells = w.fluids.body[1].cells;
+            const double on_swab =
+                std::accumulate(w.fluid_state.volume.begin() + cells.first, w.fluid_state.volume.begin() + cells.end(), 0.0);
+            std::printf("%.3f of %.3f ml on the swab\n", 1e6 * on_swab, 1e6 * w.fluid_state.ledger.bled);
+            if (touches) {
+                EXPECT_GT(on_swab, 0.02 * w.fluid_state.ledger.bled);
+                EXPECT_LT(on_swab, 0.9 * w.fluid_state.ledger.bled);
+            } else {
+                EXPECT_EQ(on_swab, 0.0);
+            }
+            EXPECT_EQ(find_fault(w), "");
+        });
+    }
+}
+
 // A puff spreads by variance 2 D t on each axis, rises by v c (1 - exp(-t / c)), thins out by exp(-k t); a nozzle takes the gas that
 // flows to it. By closed forms; the passes are exact but for suction.
 TEST(Fluids, SmokeSpreadsRisesAndIsSucked) {
