@@ -131,7 +131,7 @@ FluidFigures fluid_figures(const World& w) {
     const FluidAmounts there = measure_fluids(surfaces_of(w), w.fluids, w.fluid_state, scratch);
     const FluidLedger& l = w.fluid_state.ledger;
     FluidFigures f{true, l.bled, l.irrigated, there.film, there.pools, there.drops, l.sucked, l.sucked_blood, l.lost, there.error};
-    const double now = pass_seconds(w);
+    const double now = static_cast<double>(w.clock.tick) * 1e-3;
     for (size_t i = 0; i < w.fluids.wound.size(); ++i) {
         const Wound& wound = w.fluids.wound[i];
         f.bleeding += w.fluid_state.bleeding[i];

@@ -38,10 +38,10 @@ struct Plate {
     double all() const { return std::accumulate(w.fluid_state.volume.begin(), w.fluid_state.volume.end(), 0.0); }
     double thickness(uint32_t v) { return volume(v) * static_cast<double>(shape.inverse_area[v]); }
     void flow(double seconds) { flow_film(w.fluids.params, kGravity, seconds, shape, film_of(w.fluids, w.fluid_state, 0), scratch); }
-    // From a time that has passed until `end` in passes of a hundredth of it, but of at least one at 60 Hz.
-    void flow_until(double end) {
+    // In passes of a part of the time that has passed, but of at least one at 60 Hz.
+    void flow_until(double end, double part) {
         for (double t = 0; t < end;) {
-            const double step = std::min(std::max(1.0 / 60, 0.01 * t), end - t);
+            const double step = std::min(std::max(1.0 / 60, part * t), end - t);
             flow(step);
             t += step;
         }
@@ -89,7 +89,7 @@ TEST(Film, SpreadsAsHuppertsAxisymmetricCurrent) {
             constexpr double volume = 2e-5;
             later.pour(0, volume);
             const double scale = 0.894 * std::pow(kGravity * volume * volume * volume / (3 * later.nu()), 0.125);
-            later.flow_until(time);
+            later.flow_until(time, 0.01);
             const double radius = scale * std::pow(time, 0.125);
             const double found = std::sqrt(later.mean([](const Vec3d& p) { return p.squaredNorm(); }) * 7 / 3);
             double front = 0;
@@ -112,8 +112,8 @@ TEST(Film, SpreadsAsHuppertsPlaneCurrent) {
     constexpr double area = 4e-4;
     // the first column has cells of half the width
     for (uint32_t j = 0; j <= 5; ++j) plate.pour(j, area * 0.02 / 5 * (j % 5 == 0 ? 0.5 : 1));
-    const double time = 200, length = 1.411 * std::pow(kGravity * area * area * area / (3 * plate.nu()) * time, 0.2);
-    plate.flow_until(time);
+    const double time = 100, length = 1.411 * std::pow(kGravity * area * area * area / (3 * plate.nu()) * time, 0.2);
+    plate.flow_until(time, 0.002);
     const double found = std::sqrt(plate.mean([](const Vec3d& p) { return p.x() * p.x(); }) * 11 / 3);
     std::printf("plane: %.2f mm, found %.2f (%+.2f %%)\n", 1e3 * length, 1e3 * found, 100 * (found / length - 1));
     EXPECT_LT(length, 0.18);
@@ -121,10 +121,10 @@ TEST(Film, SpreadsAsHuppertsPlaneCurrent) {
 }
 
 // Down a slope: (9 A^2 g sin / 4 nu)^(1/3) t^(1/3), thickness sqrt(nu x / (g sin t)); the mean of x is 3/5 of the length. Begun with that
-// profile, of blood.
+// profile, of a liquid a hundred times as viscous as blood: blood would run in waves.
 TEST(Film, RunsDownASlopeAsHuppertsCurrent) {
     const double sine = 0.5, cosine = std::sqrt(0.75), area = 2e-5, width = 0.02;
-    Plate plate(strip(250, 2, 0.25, width), 3.5e-3, Vec3d(sine, 0, -cosine));
+    Plate plate(strip(125, 5, 0.25, width), 0.35, Vec3d(sine, 0, -cosine));
     const auto time_at = [&](double x) { return x * x * x * 4 * plate.nu() / (9 * area * area * kGravity * sine); };
     const double begin = time_at(0.05), end = time_at(0.2);
     double poured = 0;
@@ -134,8 +134,8 @@ TEST(Film, RunsDownASlopeAsHuppertsCurrent) {
         const double amount = std::sqrt(plate.nu() * x / (kGravity * sine * begin)) / static_cast<double>(plate.shape.inverse_area[v]);
         plate.pour(v, amount), poured += amount;
     }
-    EXPECT_NEAR(poured, area * width, 0.02 * area * width);
-    for (double t = begin; t < end; t += 1.0 / 60) plate.flow(std::min(1.0 / 60, end - t));
+    EXPECT_NEAR(poured, area * width, 0.05 * area * width) << "by the midpoint rule";
+    for (double t = begin; t < end; t += 0.25) plate.flow(std::min(0.25, end - t));
     const double scaled = 0.2 * std::cbrt(std::pow(poured / (area * width), 2)),
                  found = plate.mean([](const Vec3d&p) { return p.x(); }) * 5 / 3;
     std::printf("slope: %.2f mm after %.2f s, found %.2f (%+.2f %%)\n", 1e3 * scaled, end - begin, 1e3 * found, 100 * (found / scaled - 1));
