@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 
 #include "content/scene/scene_sections.hpp"
@@ -5,7 +6,7 @@ namespace trocar {
 
 FluidSpec read_fluid(TomlSection section) {
     FluidSpec spec;
-    spec.line = section.line();
+    spec.line = std::max(1u, section.line());  // 0 where --set made the table: there is one all the same
     FluidParams& p = spec.params;
     section.read("density", p.blood_density, 1, 1e5);
     section.read("viscosity", p.blood_viscosity, 1e-6, 1e3);

@@ -5,8 +5,8 @@
 #include <numbers>
 #include <numeric>
 
+#include "engine/files/capture_file.hpp"
 #include "engine/fluid/film_setup.hpp"
-#include "engine/world/resources.hpp"
 #include "frame/written_scene.hpp"
 #include "reference/paths.hpp"
 #include "systems/fluid/amounts.hpp"
@@ -109,10 +109,10 @@ TEST(Fluids, TheLedgerCloses) {
 }
 
 TEST(Fluids, SameBitsForThreadsAndWithoutScratch) {
-    expect_same_bits(WrittenScene("wet_bits", theatre()), 100, [](const Frame& frame) {
+    expect_same_bits(WrittenScene("wet_bits", theatre()), 75, [](const Frame& frame) {
         const FluidState& s = frame.world().fluid_state;
         EXPECT_GT(s.ledger.sucked, 0);
-        EXPECT_FALSE(s.drops.volume.empty());
+        EXPECT_GT(s.ledger.irrigated, 0);
         EXPECT_FALSE(s.puffs.mass.empty());
     });
 }
@@ -187,8 +187,9 @@ position = [0.0, 0.0, 0.048]
     const double rate = 300e-6 / 60;
     std::string text = bleeding_block("rate = 300.0") + press;
     text.replace(text.find("radius = 7e-3"), 13, "radius = 0.02");
-    text.replace(text.find("[fluid]\n"), 8, "[fluid]\nblood_pressure = 2000.0\n");
+    text.replace(text.find("[fluid]\n"), 8, "[fluid]\nblood_pressure = 150.0\n");
     bool partly = false, stopped = false;
+    double most = 0;
     uint64_t before = 0;
     run(WrittenScene("pressed", text).build().world, 90, [&](Frame& frame, int pass) {
         const World& w = frame.world();
@@ -198,14 +199,16 @@ position = [0.0, 0.0, 0.048]
             impulse += std::abs(rows.impulse[i].dot(rotate(w.poses.orientation[rows.other[i]], rows.normal[i])));
         const double seconds = static_cast<double>(w.clock.tick - before) * 1e-3;
         before = w.clock.tick;
-        const double pressure = impulse / (seconds * w.fluids.wound[0].area), expected = rate * std::max(0.0, 1 - pressure / 2000);
+        const double pressure = impulse / (seconds * w.fluids.wound[0].area), expected = rate * std::max(0.0, 1 - pressure / 150);
         EXPECT_NEAR(w.fluid_state.bleeding[0], expected, 1e-3 * rate) << pass;
+        most = std::max(most, pressure);
         partly |= expected > 0.2 * rate && expected < 0.8 * rate;
         stopped |= w.fluid_state.bleeding[0] == 0;
         if (pass == 89) {
             EXPECT_NEAR(w.fluid_state.bleeding[0], rate, 1e-9 * rate);
         }
     });
+    std::printf("pressed with up to %.0f Pa\n", most);
     EXPECT_TRUE(partly);
     EXPECT_TRUE(stopped);
 }
@@ -277,7 +280,7 @@ TEST(Fluids, ACutBleedsAndItsFilmFollows) {
         worst = std::max(worst, std::abs(amounts_of(w).error));
         if (pass < 149) return;
         EXPECT_EQ(find_fault(w), "");
-        EXPECT_GT(length, 0.05);
+        EXPECT_GT(length, 0.02);
         EXPECT_NEAR(w.fluid_state.ledger.bled, expected, 1e-9 * expected);
         // every film edge is one of the surface, and the conductances of a piece are those of a film made of it
         FluidState fresh = w.fluid_state;
