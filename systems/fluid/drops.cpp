@@ -17,7 +17,7 @@ constexpr double kSmallestCell = 0.05;
 
 double radius_of(double volume) { return std::cbrt(0.75 / std::numbers::pi * volume); }
 
-bool is_rim(const MeshView& mesh, uint32_t vertex) {
+bool is_on_open_rim(const MeshView& mesh, uint32_t vertex) {
     for (uint32_t i = mesh.incident_first[vertex]; i < mesh.incident_first[vertex + 1]; ++i) {
         const uint32_t t = mesh.incident[i];
         for (size_t k = 0; k < 3; ++k)
@@ -52,7 +52,7 @@ void detach(const FluidPass& pass, uint32_t index, double hanging, double standi
         FilmShape& shape = scratch.shapes.shape;
         if (!known) find_film_shape(pass.surfaces, body.body, body.cells.count, down, scratch.shapes.scratch, shape);
         known = true;
-        const bool rim = is_rim(mesh, v), heavy = film.volume[v] > hanging || (rim && film.volume[v] * shape.inverse_area[v] > standing);
+        const bool rim = is_on_open_rim(mesh, v), heavy = film.volume[v] > hanging || (rim && film.volume[v] * shape.inverse_area[v] > standing);
         if (!heavy || (shape.upright[v] > kDrips && !rim) || !is_lowest(mesh, shape, film.rise, v)) continue;
         const double radius = radius_of(film.volume[v]);
         state.drops.position.push_back(vertex_position(pass.surfaces, body.body, v) + radius * down);
