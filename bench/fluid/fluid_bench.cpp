@@ -9,7 +9,7 @@
 #include "content/shapes/shape_library.hpp"
 #include "engine/fluid/film_setup.hpp"
 #include "engine/fluid/film_shape.hpp"
-#include "engine/world/world.hpp"
+#include "engine/world/add_body.hpp"
 
 namespace trocar {
 namespace {
@@ -47,18 +47,18 @@ struct WetLiver {
 
 int fluid_suite(int argc, char** argv) {
     using namespace trocar;
-    using namespace trocar::bench;
-    Report report("fluid", argc, argv);
+    using bench::Goal, bench::Row;
+    bench::Report report("fluid", argc, argv);
     report.check_parts(argc, argv, {});
     WetLiver liver(20000);
     constexpr uint32_t kSide = 71;  // 5,041 particles, one layer of 1 mm
-    Pbf particles = pbf_layer(kSide, kSide, 1);
+    bench::Pbf particles = bench::pbf_layer(kSide, kSide, 1);
     const double particle_area = kSide * kSide * 1e-6;
     const int rounds = report.quick() ? 10 : 60;
     uint32_t substeps = 0, passes = 0;
     const auto film = [&] { liver.pass(), substeps += liver.scratch.substeps, ++passes; };
-    const auto pbf = [&] { step_pbf(1.0f / 60, {0, 0, -9.81f}, particles); };
-    const std::vector<double> cost = interleaved_medians(rounds, {film, [&] { liver.find_shape(); }, pbf});
+    const auto pbf = [&] { bench::step_pbf(1.0f / 60, {0, 0, -9.81f}, particles); };
+    const std::vector<double> cost = bench::interleaved_medians(rounds, {film, [&] { liver.find_shape(); }, pbf});
     report.heading("film on " + std::to_string(liver.w.meshes.info[0].triangles.count) + " wet triangles, " +
                    std::to_string(static_cast<int>(1e4 * liver.area)) + " cm^2");
     Row row{"a pass of 1/60 s", 1e3 * cost[0], "ms"};

@@ -52,7 +52,8 @@ void detach(const FluidPass& pass, uint32_t index, double hanging, double standi
         FilmShape& shape = scratch.shapes.shape;
         if (!known) find_film_shape(pass.surfaces, body.body, body.cells.count, down, scratch.shapes.scratch, shape);
         known = true;
-        const bool rim = is_on_open_rim(mesh, v), heavy = film.volume[v] > hanging || (rim && film.volume[v] * shape.inverse_area[v] > standing);
+        const bool rim = is_on_open_rim(mesh, v),
+                   heavy = film.volume[v] > hanging || (rim && film.volume[v] * shape.inverse_area[v] > standing);
         if (!heavy || (shape.upright[v] > kDrips && !rim) || !is_lowest(mesh, shape, film.rise, v)) continue;
         const double radius = radius_of(film.volume[v]);
         state.drops.position.push_back(vertex_position(pass.surfaces, body.body, v) + radius * down);

@@ -9,7 +9,7 @@
 #include "content/shapes/dish.hpp"
 #include "engine/fluid/film_setup.hpp"
 #include "engine/fluid/film_shape.hpp"
-#include "engine/world/world.hpp"
+#include "engine/world/add_body.hpp"
 namespace trocar {
 namespace {
 
