@@ -113,7 +113,7 @@ TEST(Film, SpreadsAsHuppertsPlaneCurrent) {
     // the first column has cells of half the width
     for (uint32_t j = 0; j <= 5; ++j) plate.pour(j, area * 0.02 / 5 * (j % 5 == 0 ? 0.5 : 1));
     const double time = 100, length = 1.411 * std::pow(kGravity * area * area * area / (3 * plate.nu()) * time, 0.2);
-    plate.flow_until(time, 0.002);
+    plate.flow_until(time, 0.001);
     const double found = std::sqrt(plate.mean([](const Vec3d& p) { return p.x() * p.x(); }) * 11 / 3);
     std::printf("plane: %.2f mm, found %.2f (%+.2f %%)\n", 1e3 * length, 1e3 * found, 100 * (found / length - 1));
     EXPECT_LT(length, 0.18);
