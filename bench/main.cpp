@@ -23,6 +23,7 @@ constexpr Suite kSuites[] = {
     {"deform", deform_suite,
      "integrators: rates, stable steps, error against time: [rates|threads|stability|errors|models] [--quick] [--json FILE] [--cache DIR "
      "of references, out/bench]; Bullet as peer"},
+    {"fluid", fluid_suite, "films of liquid beside particles: [--quick] [--json FILE]"},
     {"scale", scale_suite,
      "bodies x threads with state hashes, growth, memory, critical path, idle cost: [--quick] [--json FILE] "
      "[idle|counts|path|allocations|goals|bullet]"},

@@ -14,7 +14,11 @@ enum class ActionKind : uint8_t {
     kCut,        // parts the surfaces that its edge sweeps through
     kGrasp,      // holds what lies at its point: nodes of deformable bodies by links, free rigid bodies by friction
     kCauterise,  // heats the tissue at its point
+    kIrrigate,   // lets water out at its point
+    kSuck,       // takes in liquid and smoke near its point
 };
+
+inline bool is_nozzle(ActionKind kind) { return kind == ActionKind::kIrrigate || kind == ActionKind::kSuck; }
 
 enum class ActionTrigger : uint8_t {
     kButton,  // while one of `buttons` is pressed
@@ -43,6 +47,7 @@ struct ToolAction {
     uint32_t magazine = 20;                                     // staples that there are
     // cuts
     double toughness = 0;  // J/m^2, work per area of the new surface, Gc
+    double bleeding = 0;   // m^3/s per m of the surface's new rim, of bodies that may be wet
     // grasps; reach and stiffness as of staples
     double press_force = 0;  // N, with which each of two jaws presses what lies between them
     double friction = 0;     // of the jaws: they bear 2 friction press_force, then what they hold slips
@@ -50,9 +55,13 @@ struct ToolAction {
     // cautery
     double power = 0;  // W, into the tissue
     double spot = 0;   // m, standard deviation of the Gaussian spot that it heats
+    // irrigation and suction; within reach of a nozzle it sucks
+    double rate = 0;            // m^3/s
+    double bore = 3e-3;         // m, diameter of the jet
+    Vec3d direction{0, 0, -1};  // unit, frame of the tool's body: of the jet
     TROCAR_FIELDS(tool, "index of tools", kind, when, buttons, grip, "rad", force, "N", times, "range of action times", point, "m", edge,
-                  "m", reach, "m", press, "N", stiffness, "N/m", pull_out, "N", magazine, toughness, "J/m^2", press_force, "N", friction,
-                  pad, "m", power, "W", spot, "m");
+                  "m", reach, "m", press, "N", stiffness, "N/m", pull_out, "N", magazine, toughness, "J/m^2", bleeding, "m^2/s",
+                  press_force, "N", friction, pad, "m", power, "W", spot, "m", rate, "m^3/s", bore, "m", direction);
 };
 
 // A shell or sheet that instruments may cut; its prototype is not shared, and has elements reserved at load.

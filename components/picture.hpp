@@ -34,7 +34,8 @@ struct PictureBody {
     Range exposed;   // range of exposed
     Range inner;     // range of exposed: the new surface inside a solid that was cut, in the last material of its prototype
     Range burnt;     // range of burnt, one per vertex; empty where nothing coagulated
-    TROCAR_FIELDS(mesh, origin, "m", orientation, motion, box, "m", vertices, depths, removed, exposed, inner, burnt);
+    Range liquid;    // range of liquid, one per vertex; empty where the body is dry
+    TROCAR_FIELDS(mesh, origin, "m", orientation, motion, box, "m", vertices, depths, removed, exposed, inner, burnt, liquid);
 };
 
 // The deepest point of one overlapping pair.
@@ -62,6 +63,14 @@ struct PicturePoint {
     TROCAR_FIELDS(position, "m", radius, "m", colour);
 };
 
+// Smoke: a cloud of Gaussian density.
+struct PicturePuff {
+    Vec3d position = Vec3d::Zero();  // m, world
+    double spread = 0;               // m, standard deviation
+    double extinction = 0;           // m^2, mass times extinction per mass
+    TROCAR_FIELDS(position, "m", spread, "m", extinction, "m^2");
+};
+
 // A rod between two points, with round ends.
 struct PictureRod {
     Vec3d from = Vec3d::Zero(), to = Vec3d::Zero();  // m, world
@@ -87,10 +96,14 @@ struct PictureSnapshot {
     std::vector<PicturePoint> point;
     std::vector<PictureRod> rod;  // staples
     std::vector<float> burnt;     // fraction of the tissue that coagulated, 0..1
-    double depth = 0;  // m, deepest penetration; 0 when nothing overlaps
-    double force = 0;  // N, largest force commanded to a hand
-    TROCAR_FIELDS(number, time, "s", body, position, "m", normal, contact_depth, "m", removed, exposed, witness, tool, point, rod, burnt, depth,
-                  "m", force, "N");
+    // Liquid on a vertex: thickness (m), height of its surface above the vertex (m), how level it stands (0..1), share of blood (0..1).
+    std::vector<Float4> liquid;
+    Vec3d up{0, 0, 1};              // unit, world, against gravity: of the liquid
+    std::vector<PicturePuff> puff;  // smoke
+    double depth = 0;               // m, deepest penetration; 0 when nothing overlaps
+    double force = 0;               // N, largest force commanded to a hand
+    TROCAR_FIELDS(number, time, "s", body, position, "m", normal, contact_depth, "m", removed, exposed, witness, tool, point, rod, burnt,
+                  liquid, up, puff, depth, "m", force, "N");
 };
 
 enum class CameraKind : uint8_t {

@@ -11,7 +11,9 @@ ActionKind read_kind(TomlSection& section) {
     if (kind == "cut") return ActionKind::kCut;
     if (kind == "grasp") return ActionKind::kGrasp;
     if (kind == "cauterise") return ActionKind::kCauterise;
-    const std::string kinds = "staple, cut, grasp, cauterise";
+    if (kind == "irrigate") return ActionKind::kIrrigate;
+    if (kind == "suck") return ActionKind::kSuck;
+    const std::string kinds = "staple, cut, grasp, cauterise, irrigate, suck";
     section.fail(kind.empty()       ? "a [[tool.action]] needs a kind: " + kinds
                  : kind == "suture" ? "kind \"" + kind + "\" is not there yet; there are " + kinds
                                     : "kind \"" + kind + "\" is none of " + kinds);
@@ -60,11 +62,15 @@ void read_staple_action(TomlSection& section, ToolAction& action) {
     if (action.when == ActionTrigger::kAlways) section.fail("a staple is set when a trigger is pulled, not always");
 }
 
+constexpr double kMillilitresPerMinute = 1e-6 / 60;  // m^3/s
+
 void read_cut_action(TomlSection& section, ActionSpec& spec) {
     Vec3d edge = Vec3d::Constant(std::nan(""));
     section.read("edge", edge);
     section.read("bodies", spec.bodies);
     section.read("toughness", spec.action.toughness, 0, 1e9);
+    section.read("bleeding", spec.action.bleeding, 0, 1e9);
+    spec.action.bleeding *= kMillilitresPerMinute;
     if (!edge.allFinite()) section.fail("a cut needs edge: the other end of the edge that begins at point (m, frame of the tool's body)");
     if (spec.bodies.empty()) section.fail("a cut needs bodies: names of the shells and sheets that it parts");
     spec.action.edge = edge;
@@ -88,6 +94,20 @@ void read_cautery_action(TomlSection& section, ActionSpec& spec) {
     section.read("bodies", spec.bodies);
     if (action.power == 0) section.fail("a cautery needs power: what goes into the tissue (W)");
     if (spec.bodies.empty()) section.fail("a cautery needs bodies: names of the deformable bodies that it heats");
+}
+
+void read_nozzle(TomlSection& section, ToolAction& action) {
+    double rate = 0;
+    section.read("rate", rate, 0, 1e6);
+    if (!(rate > 0)) section.fail("irrigation and suction need a rate (ml/min)");
+    action.rate = rate * kMillilitresPerMinute;
+    if (action.kind == ActionKind::kIrrigate) {
+        section.read("bore", action.bore, 1e-5, 1);
+        section.read_direction("direction", action.direction);
+    } else {
+        action.reach = 0.005;
+        section.read("reach", action.reach, 1e-9, 1e3);
+    }
 }
 
 }  // namespace
@@ -115,6 +135,10 @@ ActionSpec read_action(TomlSection section) {
         case ActionKind::kCauterise:
             spec.action.reach = 2e-3, spec.action.spot = 1e-3;
             read_cautery_action(section, spec);
+            break;
+        case ActionKind::kIrrigate:
+        case ActionKind::kSuck:
+            read_nozzle(section, spec.action);
             break;
     }
     section.refuse_unknown();

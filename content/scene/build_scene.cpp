@@ -11,6 +11,7 @@
 #include "content/mend/unit_guess.hpp"
 #include "content/read/load_mesh.hpp"
 #include "content/scene/build_actions.hpp"
+#include "content/scene/build_fluids.hpp"
 #include "content/scene/build_links.hpp"
 #include "content/scene/build_nodes.hpp"
 #include "content/scene/find_body.hpp"
@@ -617,6 +618,7 @@ BuiltScene build_scene(const SceneFile& given, Looks looks) {
             refuse(scene, 1,
                    "the links of body \"" + world.bodies.name[body] + "\" are too stiff: its explicit step would be below 1e-9 s");
     add_scene_cuts(scene, world);
+    add_scene_fluids(scene, world);
     open_pools(world);
     make_trees(world);
     for (std::string& doubt : find_doubts(scene, world)) built.warnings.push_back(std::move(doubt));

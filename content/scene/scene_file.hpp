@@ -7,6 +7,7 @@
 #include "components/actions.hpp"
 #include "components/bodies.hpp"
 #include "components/device.hpp"
+#include "components/fluid.hpp"
 #include "components/hand_model.hpp"
 #include "components/haptic_effect.hpp"
 #include "components/haptic_surface.hpp"
@@ -35,8 +36,8 @@ struct BodySpec {
     Vec3d position = Vec3d::Zero();  // m
     Quat orientation;
     bool file_origin = false;  // `position` and `path` place the origin of the file instead of the centroid
-    std::string above;   // name of the body it is placed on top of, centred, `gap` above it
-    double gap = 0.005;  // m
+    std::string above;         // name of the body it is placed on top of, centred, `gap` above it
+    double gap = 0.005;        // m
     AnchorFrame anchor_frame = AnchorFrame::kWorld;
     Tissue tissue;
     bool solid = false;                                             // filled with tetrahedra; false: a shell
@@ -100,6 +101,29 @@ struct ToolSpec {
     std::vector<ActionSpec> actions;
 };
 
+// [fluid]: which bodies may be wet, and by what.
+struct FluidSpec {
+    uint32_t line = 0;  // 0: not in the scene
+    FluidParams params;
+    bool gravity_given = false;       // false: the scene's
+    std::vector<std::string> bodies;  // empty: all that can be
+    uint32_t drops = 2000;
+};
+
+// One [[wound]].
+struct WoundSpec {
+    uint32_t line = 0;
+    std::string name, body;
+    Vec3d place = Vec3d::Zero();  // m, world, at load
+    double radius = 0;            // m
+    double rate = 0;              // m^3/s; 0 = by Poiseuille's law from
+    double pressure = 0;          // Pa, over
+    double length = 0;            // m, of a vessel of
+    double diameter = 0;          // m
+    double from = 0;              // s
+    double until = std::numeric_limits<double>::infinity();
+};
+
 // One entry of [parameters]: other keys use its value by writing "$name"; --set name=value changes it.
 struct SceneParameter {
     std::string name;
@@ -116,6 +140,8 @@ struct SceneFile {
     std::vector<ToolSpec> tools;
     std::vector<LinkSpec> links;
     std::vector<CutSpec> cuts;
+    FluidSpec fluid;
+    std::vector<WoundSpec> wounds;
     uint32_t staples = 0;  // room for links created by the program while the scene runs
     Camera camera;
     PictureParams picture;

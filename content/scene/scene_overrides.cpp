@@ -107,7 +107,7 @@ void apply_override(toml::table& root, const Override& o) {
     size_t next = 0;
     if (toml::table* parameters = root["parameters"].as_table(); words.size() == 1 && parameters && parameters->contains(o.key))
         table = parameters;
-    const bool named = words[0] == "link" || words[0] == "staple" || words[0] == "cut" || words[0] == "node";
+    const bool named = words[0] == "link" || words[0] == "staple" || words[0] == "cut" || words[0] == "node" || words[0] == "wound";
     if (words.size() > 2 && (words[0] == "tool" || named)) {
         table = named_table(root, words[0].c_str(), named ? "name" : "body", words[1]);
         if (!table)
@@ -119,7 +119,8 @@ void apply_override(toml::table& root, const Override& o) {
     }
     for (; next + 1 < words.size(); ++next) {
         if (!table->contains(words[next])) {
-            if (table == &root && words[next] != "contact" && words[next] != "camera" && words[next] != "parameters")
+            if (table == &root && words[next] != "contact" && words[next] != "camera" && words[next] != "fluid" &&
+                words[next] != "parameters")
                 throw InputError("--set " + o.key + ": the scene has no body or table named \"" + words[next] + "\"");
             table->insert(words[next], toml::table{});
         }

@@ -14,6 +14,8 @@ LinkSpec read_link(TomlSection section);
 LinkSpec read_staple(TomlSection section);
 CutSpec read_cut(TomlSection section);
 ActionSpec read_action(TomlSection section);
+WoundSpec read_wound(TomlSection section);
+FluidSpec read_fluid(TomlSection section);
 NodeSpec read_node(TomlSection section);
 
 // Removes [parameters] from the scene and inserts their values wherever other keys name them.

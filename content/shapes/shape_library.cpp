@@ -7,6 +7,7 @@
 
 #include "content/mend/remeshing.hpp"
 #include "content/mend/smoothing.hpp"
+#include "content/shapes/dish.hpp"
 #include "content/shapes/instrument_shapes.hpp"
 #include "content/shapes/plain_shapes.hpp"
 #include "content/shapes/ring_and_sac.hpp"
@@ -133,7 +134,8 @@ Mesh textured_sac(uint32_t triangles, uint64_t seed, Looks looks) {
 }
 
 Mesh textured_ring(uint32_t triangles, uint64_t seed, Looks looks) {
-    return with_material(make_ring(triangles), surface_material("fascia", {0.25f, 0.24f, 0.23f}, 0.35f, painted(looks, paint_fascia, seed)));
+    return with_material(make_ring(triangles),
+                         surface_material("fascia", {0.25f, 0.24f, 0.23f}, 0.35f, painted(looks, paint_fascia, seed)));
 }
 
 Mesh clear_cannula(uint32_t triangles, uint64_t, Looks) {
@@ -166,7 +168,11 @@ Mesh textured_table(uint32_t triangles, uint64_t seed, Looks looks) {
     return with_material(make_table(triangles), surface_material("drape", {0.04f, 0.04f, 0.04f}, 0.1f, painted(looks, paint_drape, seed)));
 }
 
-constexpr std::array<Recipe, 24> kRecipes{{
+Mesh textured_dish(uint32_t triangles, uint64_t, Looks) {
+    return with_material(make_dish(triangles), plain_material("steel", {0.42f, 0.44f, 0.46f}, 0.3f, 0.5f));
+}
+
+constexpr std::array<Recipe, 25> kRecipes{{
     {"liver", 100, make_liver, "human liver, 0.21 x 0.15 x 0.12 m; right lobe -x, head +y, belly +z; centred"},
     {"kidney", 100, make_kidney, "human kidney, 0.11 x 0.06 x 0.045 m; poles along x, hilum -y; centred"},
     {"gallbladder", 200, textured_gallbladder, "human gallbladder with neck and stump of the duct; fundus -y, belly +z"},
@@ -190,6 +196,7 @@ constexpr std::array<Recipe, 24> kRecipes{{
     {"hull", 20, textured_hull, "convex stone in a cube of 1 m, irregular by the seed, centred"},
     {"sheet", 50, textured_sheet, "open sheet: square of 1 m in z = 0, facing +z, centred"},
     {"table", 12, textured_table, "draped slab, 0.6 x 0.6 x 0.02 m, thin along z, centred"},
+    {"dish", 6, textured_dish, "open bowl, 0.2 m across, 0.03 m deep, part of a sphere; lowest point at the origin, open to +z"},
     {"plane", 12, textured_table, "another name for table"},
 }};
 

@@ -18,6 +18,7 @@ namespace trocar {
 //                                                instrument_shapes.hpp
 //   probe   palpation probe of steel, 0.167 m; centre of its 7 mm tip sphere at the origin, shaft along +z
 //   sphere  diameter 1 m, centred      box  1 x 1 x 1 m, centred
+//   dish    open spherical cap, 0.2 m across, 0.03 m deep, lowest point at the origin
 //   table   slab 0.6 x 0.6 x 0.02 m, centred, thin along z; "plane" is another name for it
 std::vector<std::string> shape_names();
 

@@ -10,13 +10,14 @@
 #include "engine/draw/gl_shaders.hpp"
 #include "engine/draw/offscreen.hpp"
 #include "engine/draw/render_mesh.hpp"
+#include "engine/draw/smoke.hpp"
 #include "engine/files/image_file.hpp"
 #include "engine/geometry/quaternion.hpp"
 
 namespace trocar {
 namespace {
 
-enum Attribute : GLuint { kPosition = 0, kNormal = 1, kTextureUv = 2, kDepth = 3 };
+enum Attribute : GLuint { kPosition = 0, kNormal = 1, kTextureUv = 2, kDepth = 3, kLiquid = 4 };
 
 struct Buffer {
     GLuint name = 0;
@@ -37,13 +38,13 @@ struct BodyBuffers {
     bool grown = false;    // it has vertices that the prototype did not have at load: see upload_grown
     bool damaged = false;  // some vertex is not finite: draw the triangles in `patched` only
     GLuint array = 0;
-    Buffer vertex, depth, patched;
+    Buffer vertex, depth, patched, liquid;
     std::vector<RenderGroup> patched_groups;
     RenderGroup patched_lines;  // after the triangles; only with wires
 };
 
 // Options constant in a draw call; each combination is a separate program, see gl_shaders.hpp.
-constexpr uint32_t kTextured = 1, kDepthColours = 2, kScope = 4, kOutline = 8, kBurnt = 16, kVariants = 32;
+constexpr uint32_t kTextured = 1, kDepthColours = 2, kScope = 4, kOutline = 8, kBurnt = 16, kWet = 32, kVariants = 64;
 uint32_t variant_of(bool textured, bool depth_colours, bool scope) {
     return (textured ? kTextured : 0) | (depth_colours ? kDepthColours : 0) | (scope ? kScope : 0);
 }
@@ -89,12 +90,13 @@ struct MarkerBuffers {
 };
 
 GLuint compile(GLenum kind, uint32_t variant, const char* text) {
-    const std::array<const char*, 8> parts = {shaders::kVersion,
+    const std::array<const char*, 9> parts = {shaders::kVersion,
                                               variant & kTextured ? "#define TEXTURED\n" : "",
                                               variant & kDepthColours ? "#define DEPTH_COLOURS\n" : "",
                                               variant & kScope ? "#define SCOPE\n" : "",
                                               variant & kOutline ? "#define OUTLINE\n" : "",
                                               variant & kBurnt ? "#define BURNT\n" : "",
+                                              variant & kWet ? "#define WET\n" : "",
                                               kind == GL_FRAGMENT_SHADER ? shaders::kMask : "",
                                               text};
     const GLuint shader = glCreateShader(kind);
@@ -317,12 +319,16 @@ struct GlRenderer::Impl {
     const Meshes& meshes;
     const Material plain;  // of triangles whose material is missing
     OffscreenContext context;
-    std::array<Program, kVariants> surface_programs;            // made at first use
-    std::array<Program, 2> wire_programs, background_programs;  // by laparoscope
+    std::array<Program, kVariants> surface_programs;                            // made at first use
+    std::array<Program, 2> wire_programs, background_programs, smoke_programs;  // by laparoscope
     Program floor_program, shadow_program;
     Target target;
     BackdropKey backdrop;
     MarkerBuffers marker;
+    GLuint smoke_array = 0;
+    Buffer smoke_vertex, smoke_index;
+    std::vector<SmokeVertex> smoke;
+    std::vector<uint32_t> smoke_triangles;
     GLuint empty_array = 0, palette = 0, shade_texture = 0;
     std::vector<StaticMesh> soft, rigid;                   // by prototype
     std::vector<GLuint> texture;                           // by material; 0 = not yet or none
@@ -343,6 +349,7 @@ struct GlRenderer::Impl {
     void upload_grown(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from, bool wires);
     // One number per vertex: depth of contact, or how much of the tissue coagulated.
     void upload_scalars(BodyBuffers& buffers, const std::vector<float>& all, const Range& of_body, uint32_t mesh);
+    void upload_liquid(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from);
     const Program& use_surface_program(uint32_t variant, const PictureParams& params, const View& view);
     void set_pose(const Program& p, const View& view, const Matrix4& pose);
     void set_material(const Program& p, const Material& material, GLuint image);
@@ -357,6 +364,7 @@ struct GlRenderer::Impl {
     void draw_wires(const PictureParams& params, const View& view, const PictureSnapshot& snapshot);
     void upload_markers(const View& view, std::span<const Marker> markers);
     void draw_markers(const PictureParams& params, const View& view, std::span<const Marker> markers);
+    void draw_smoke(const PictureParams& params, const View& view, const PictureSnapshot& snapshot);
     void read_back(Image& out);
 };
 
@@ -538,6 +546,19 @@ void GlRenderer::Impl::upload_scalars(BodyBuffers& buffers, const std::vector<fl
     glVertexAttribPointer(kDepth, 1, GL_FLOAT, GL_FALSE, 0, nullptr);
 }
 
+void GlRenderer::Impl::upload_liquid(BodyBuffers& buffers, const PictureSnapshot& snapshot, const PictureBody& from) {
+    glBindVertexArray(buffers.array);
+    const std::vector<uint32_t>& source = static_mesh(from.mesh, buffers.rigid).mesh.source;
+    const Float4* liquid = snapshot.liquid.data() + from.liquid.first;
+    // a surface that cuts gave more vertices has them as they are
+    const size_t count = buffers.grown ? from.liquid.count : source.size();
+    stream<Float4>(buffers.liquid, count, [&](Float4* row) {
+        for (size_t i = 0; i < count; ++i) row[i] = liquid[buffers.grown ? i : source[i]];
+    });
+    glEnableVertexAttribArray(kLiquid);
+    glVertexAttribPointer(kLiquid, 4, GL_FLOAT, GL_FALSE, 0, nullptr);
+}
+
 void GlRenderer::Impl::upload(const PictureSnapshot& snapshot, const PictureParams& params) {
     if (body.size() < snapshot.body.size()) body.resize(snapshot.body.size());
     for (size_t row = 0; row < snapshot.body.size(); ++row) {
@@ -552,6 +573,7 @@ void GlRenderer::Impl::upload(const PictureSnapshot& snapshot, const PicturePara
             upload_scalars(buffers, snapshot.contact_depth, from.depths, from.mesh);
         else if (from.burnt.count > 0)
             upload_scalars(buffers, snapshot.burnt, from.burnt, from.mesh);
+        if (from.liquid.count > 0 && !params.depth_colours) upload_liquid(buffers, snapshot, from);
     }
     glBindVertexArray(0);
 }
@@ -680,7 +702,8 @@ void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, 
         const GLuint image = known ? texture[materials.first + group.material] : 0;
         if (group.count == 0 || (known && see_through[materials.first + group.material]) == opaque) continue;
         const bool burnt = from.burnt.count > 0 && !params.depth_colours;
-        const uint32_t variant = variant_of(image != 0, params.depth_colours, view.light_at_eye) | (burnt ? kBurnt : 0);
+        const bool wet = from.liquid.count > 0 && !params.depth_colours;
+        const uint32_t variant = variant_of(image != 0, params.depth_colours, view.light_at_eye) | (burnt ? kBurnt : 0) | (wet ? kWet : 0);
         if (bound.variant != variant) {
             bound = {variant, nullptr};
             use_surface_program(variant, params, view);
@@ -691,6 +714,7 @@ void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, 
             set_material(p, material, image);
         }
         set_pose(p, view, body_pose(view, from, row));
+        if (wet) glUniform3fv(p.at("up"), 1, to_floats(rotate_back(from.orientation, view.liquid_up)).data());
         glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(group.count), GL_UNSIGNED_INT,
                        reinterpret_cast<const void*>(size_t{4} * group.first));
     }
@@ -823,6 +847,30 @@ void GlRenderer::Impl::draw_markers(const PictureParams& params, const View& vie
     glDepthFunc(GL_LESS);
 }
 
+void GlRenderer::Impl::draw_smoke(const PictureParams& params, const View& view, const PictureSnapshot& snapshot) {
+    // light that a thick cloud sends back: about that of white tissue under the same lamp
+    constexpr std::array<float, 3> kGrey{0.42f, 0.43f, 0.45f};
+    find_smoke(view, snapshot.puff, smoke, smoke_triangles);
+    if (smoke_triangles.empty()) return;
+    Program& p = smoke_programs[view.light_at_eye];
+    if (!p.name) p = link(variant_of(false, false, view.light_at_eye), shaders::kSmokeVertex, shaders::kSmokeFragment);
+    glUseProgram(p.name);
+    glUniform2f(p.at("size"), static_cast<float>(params.width), static_cast<float>(params.height));
+    glUniform3f(p.at("plain"), kGrey[0], kGrey[1], kGrey[2]);
+    glUniformMatrix4fv(p.at("clip_from_body"), 1, GL_FALSE, view.view_projection.data());
+    if (!smoke_array) glGenVertexArrays(1, &smoke_array);
+    glBindVertexArray(smoke_array);
+    reserve(smoke_vertex, GL_ARRAY_BUFFER, smoke.size() * sizeof(SmokeVertex));
+    glBufferSubData(GL_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(smoke.size() * sizeof(SmokeVertex)), smoke.data());
+    glEnableVertexAttribArray(kPosition);
+    glVertexAttribPointer(kPosition, 3, GL_FLOAT, GL_FALSE, sizeof(SmokeVertex), nullptr);
+    glEnableVertexAttribArray(kDepth);
+    glVertexAttribPointer(kDepth, 1, GL_FLOAT, GL_FALSE, sizeof(SmokeVertex), reinterpret_cast<const void*>(offsetof(SmokeVertex, depth)));
+    reserve(smoke_index, GL_ELEMENT_ARRAY_BUFFER, smoke_triangles.size() * 4);
+    glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(smoke_triangles.size() * 4), smoke_triangles.data());
+    glDrawElements(GL_TRIANGLES, static_cast<GLsizei>(smoke_triangles.size()), GL_UNSIGNED_INT, nullptr);
+}
+
 void GlRenderer::Impl::read_back(Image& out) {
     const GLsizei width = static_cast<GLsizei>(target.width), height = static_cast<GLsizei>(target.height);
     out.width = target.width;
@@ -871,6 +919,7 @@ void GlRenderer::draw(const PictureParams& params, const View& view, const Pictu
     glDepthMask(GL_FALSE);
     gl.draw_see_through(params, view, snapshot);
     if (params.wireframe) gl.draw_wires(params, view, snapshot);
+    if (!params.depth_colours && !snapshot.puff.empty()) gl.draw_smoke(params, view, snapshot);
     if (!markers.empty()) gl.draw_markers(params, view, markers);
     glDisable(GL_BLEND);
     gl.read_back(out);

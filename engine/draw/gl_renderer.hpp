@@ -20,6 +20,7 @@ struct View {
     Matrix4 view_projection{};                      // of points relative to eye
     std::array<float, 3> forward{}, right{}, up{};  // unit, world axes
     std::array<float, 3> sky{};                     // unit, against gravity
+    Vec3d liquid_up{0, 0, 1};                       // unit, against gravity as liquids have it
     float tan_x = 1, tan_y = 1;                     // of half the field of view
     float near_plane = 0, far_plane = 0;            // m
     bool light_at_eye = false;                      // laparoscope: one light beside the lens, quadratic fall-off, round mask

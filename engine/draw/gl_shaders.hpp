@@ -31,6 +31,11 @@ layout(location = 3) in float depth;
 uniform mat4 clip_from_body;
 uniform mat3 normal_from_body;
 out vec3 outward;
+#ifdef WET
+layout(location = 4) in vec4 liquid;  // thickness, height of its surface, how level it stands, share of blood
+uniform vec3 up;
+out vec2 film;
+#endif
 #ifdef TEXTURED
 out vec2 texture_uv;
 #endif
@@ -51,7 +56,14 @@ void main() {
 #ifdef BURNT
     burnt = depth;
 #endif
+#ifdef WET
+    film = liquid.xw;
+    outward = normal_from_body * mix(normal, up, liquid.z);
+    vec3 over = mix(min(liquid.x, 0.003) * normal, liquid.y * up, liquid.z);
+    gl_Position = clip_from_body * vec4(position + over, 1.0);
+#else
     gl_Position = clip_from_body * vec4(position, 1.0);
+#endif
 }
 )";
 
@@ -69,8 +81,20 @@ uniform sampler2D palette;
 #ifdef BURNT
 in float burnt;
 #endif
+#ifdef WET
+in vec2 film;
+vec3 mirror;
+float polish;
+#define specular mirror
+#define shine polish
+uniform vec3 diffuse;
+#else
 uniform vec3 diffuse, specular;
-uniform float shine, opacity;
+#endif
+#ifndef WET
+uniform float shine;
+#endif
+uniform float opacity;
 uniform float light_distance;
 uniform vec3 key, fill, sky, forward;
 uniform vec3 ray_corner, ray_x, ray_y;  // a pixel at distance 1 along forward, relative to the eye
@@ -135,6 +159,15 @@ void main() {
 #ifdef BURNT
     base = mix(base, vec3(0.62, 0.55, 0.44), burnt);  // coagulated: whitish, the colour of cooked liver
 #endif
+#ifdef WET
+    // Beer-Lambert there and back: absorption of blood of 150 g/l haemoglobin at 611, 549 and 464 nm (1/m), and the light that a deep
+    // layer of it sends back; water takes none
+    vec3 through = exp(-2.0 * film.x * film.y * vec3(810.0, 23000.0, 21000.0));
+    base = mix(vec3(0.15, 0.006, 0.007), base, through);
+    float gloss = smoothstep(0.0, 3e-5, film.x);
+    mirror = mix(vec3(0.06), vec3(0.10), gloss);
+    polish = mix(50.0, 260.0, gloss);
+#endif
 #ifdef OUTLINE
     cover *= smoothstep(0.45, 0.75, 1.0 - dot(n, to_eye));
 #endif
@@ -159,6 +192,22 @@ void main() {
 inline constexpr const char* kPlainFragment = R"(uniform vec4 plain;
 out vec4 colour;
 void main() { colour = vec4(plain.rgb, plain.a * mask()); }
+)";
+
+// Smoke: what is behind it is dimmed by Beer-Lambert, and it scatters light itself.
+inline constexpr const char* kSmokeVertex = R"(layout(location = 0) in vec3 position;
+layout(location = 3) in float depth;
+uniform mat4 clip_from_body;
+out float optical_depth;
+void main() {
+    gl_Position = clip_from_body * vec4(position, 1.0);
+    optical_depth = depth;
+}
+)";
+inline constexpr const char* kSmokeFragment = R"(in float optical_depth;
+uniform vec3 plain;
+out vec4 colour;
+void main() { colour = vec4(plain * mask(), 1.0 - exp2(-1.442695 * optical_depth)); }
 )";
 
 // One triangle that covers the picture.

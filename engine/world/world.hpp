@@ -10,6 +10,7 @@
 #include "components/device.hpp"
 #include "components/external_displacement.hpp"
 #include "components/fast_bodies.hpp"
+#include "components/fluid.hpp"
 #include "components/haptics.hpp"
 #include "components/links.hpp"
 #include "components/mesh.hpp"
@@ -47,6 +48,7 @@ struct World {
     Pools pools;
     Nodes nodes;
     Actions actions;
+    Fluids fluids;
     // state
     Clock clock;
     Poses poses;
@@ -61,6 +63,7 @@ struct World {
     SpawnState spawning;
     NodeState node_state;
     ActionState action_state;
+    FluidState fluid_state;
     // known only to a live run and its replay, which restore them
     std::vector<DeviceState> live_devices;  // per tool, where the pass before led to; empty: there was none
     EnergyStart energy_start;
@@ -158,11 +161,13 @@ struct CaptureRecord;
     R(kLoadedConstraints, loaded_constraints, "loaded constraints", kDerived)    \
     R(kHoldingGroups, holding_groups, "holding groups", kDerived)                \
     R(kSelfCrossings, self_crossings, "self-crossings", kDerived)                \
-    R(kPassedSurfaces, passed_surfaces, "passed surfaces", kAccounts)             \
+    R(kPassedSurfaces, passed_surfaces, "passed surfaces", kAccounts)            \
     R(kActions, actions, "actions", kConstant)                                   \
-    R(kActionState, action_state, "action state", kState)                          \
+    R(kActionState, action_state, "action state", kState)                        \
     R(kSelfContacts, self_contacts, "self-contacts", kState)                     \
-    R(kSelfContactStart, self_contact_start, "self-contact start", kDerived)
+    R(kSelfContactStart, self_contact_start, "self-contact start", kDerived)     \
+    R(kFluids, fluids, "fluids", kConstant)                                      \
+    R(kFluidState, fluid_state, "fluid state", kState)
 
 enum class Resource : uint8_t {
 #define TROCAR_RESOURCE_BIT(bit, ...) bit,

@@ -51,7 +51,7 @@ bool all_have(const T& group, size_t rows, std::initializer_list<std::string_vie
 }
 
 // Last value of the enums in files; an enum without one does not compile.
-constexpr ActionKind last_of(ActionKind) { return ActionKind::kCauterise; }
+constexpr ActionKind last_of(ActionKind) { return ActionKind::kSuck; }
 constexpr ActionTrigger last_of(ActionTrigger) { return ActionTrigger::kAlways; }
 constexpr Admission last_of(Admission) { return Admission::kRefused; }
 constexpr AnchorFrame last_of(AnchorFrame) { return AnchorFrame::kShape; }
@@ -163,7 +163,11 @@ void check_fields(const World& w, std::string& not_a_number) {
                                                           {"lattice vertices", w.action_state.lattice.vertex.size()},
                                                           {"lattice triangles", w.action_state.lattice.triangle.size()},
                                                           {"heated nodes", w.actions.heat_volume.size()},
-                                                          {"heat edges", w.actions.heat_edge.size()}};
+                                                          {"heat edges", w.actions.heat_edge.size()},
+                                                          {"film bodies", w.fluids.body.size()},
+                                                          {"film cells", w.fluid_state.volume.size()},
+                                                          {"film edges", w.fluid_state.flow.size()},
+                                                          {"wound spots", w.fluids.spot.size()}};
     FieldCheck check{counts};
 #define TROCAR_CHECK_RESOURCE(bit, member, name, kind)                                                                \
     if constexpr (ResourceKind::kind == ResourceKind::kConstant || ResourceKind::kind == ResourceKind::kState) {      \
@@ -595,6 +599,42 @@ void check_clock_and_settings(const World& w) {
     require(w.clock.display_rate == 30 && w.clock.tick == pass_tick(w.clock.pass, rate), "clock: does not fit its passes");
 }
 
+// Films fit their bodies; amounts and material are possible.
+void check_fluids(const World& w) {
+    const Fluids& f = w.fluids;
+    const FluidState& s = w.fluid_state;
+    const size_t cells = s.volume.size(), edges = s.flow.size();
+    require(s.blood.size() == cells && s.rise.size() == cells && s.crowding.size() == cells && s.from.size() == edges &&
+                s.to.size() == edges && s.conductance.size() == edges && f.share.size() == f.spot.size() &&
+                s.step.size() == f.body.size() && s.triangles.size() == f.body.size() && s.bleeding.size() == f.wound.size() &&
+                (s.heat.empty() || s.heat.size() == w.actions.action.size()),
+            "fluids: arrays of different length");
+    const FluidParams& p = f.params;
+    require(p.blood_density > 0 && p.blood_viscosity > 0 && p.water_density > 0 && p.water_viscosity > 0 && p.surface_tension > 0 &&
+                p.smoke_diffusion >= 0 && p.smoke_cooling > 0 && p.smoke_clearing >= 0 && p.smoke_extinction >= 0,
+            "fluids: densities, viscosities, the surface tension and the times of smoke must be above 0");
+    for (const FilmBody& film : f.body) {
+        const MeshInfo& info = w.meshes.info[w.bodies.mesh[film.body]];
+        const auto fits = [](uint32_t padded, uint32_t count) { return padded % 8 == 0 && padded >= count; };
+        require(fits(film.cells.count, info.vertices.count) && fits(film.edges.count, info.edges.count),
+                "fluids: a film does not fit its body");
+        require(film.cells.first % 8 == 0 && film.edges.first % 8 == 0, "fluids: a film is not aligned");
+        for (uint32_t e = film.edges.first; e < film.edges.end(); ++e)
+            require(s.from[e] < film.cells.count && s.to[e] < film.cells.count && s.conductance[e] >= 0, "fluids: an edge of a film");
+    }
+    for (const Wound& wound : f.wound)
+        for (uint32_t i = wound.spots.first; i < wound.spots.end(); ++i)
+            require(f.spot[i] < f.body[wound.film].cells.count && f.share[i] >= 0 && wound.rate >= 0 && wound.area > 0, "fluids: a wound");
+    for (size_t cell = 0; cell < cells; ++cell)
+        require(s.volume[cell] >= 0 && s.blood[cell] >= 0, "fluid state: less than nothing in a cell");
+    for (const double volume : s.drops.volume) require(volume >= 0, "fluid state: a drop of less than nothing");
+    for (const BleedingEdge& edge : s.edge)
+        require(edge.a < f.body[edge.film].cells.count && edge.b < f.body[edge.film].cells.count && edge.rate >= 0,
+                "fluid state: an edge that bleeds");
+    for (size_t i = 0; i < s.puffs.mass.size(); ++i)
+        require(s.puffs.mass[i] >= 0 && s.puffs.variance[i] > 0, "fluid state: smoke of less than nothing");
+}
+
 void check_world(const World& w) {
     std::string not_a_number;
     check_fields(w, not_a_number);
@@ -608,6 +648,7 @@ void check_world(const World& w) {
     require(all_have(w.pair_memory, w.pair_memory.a.size()), "pair memory: arrays of different length");
     check_contact_memory(w);
     check_self_contacts(w);
+    check_fluids(w);
     check_clock_and_settings(w);
     require(not_a_number.empty(), not_a_number);
 }

@@ -30,11 +30,15 @@
 #include "systems/detect/narrow/overlap.hpp"
 #include "systems/detect/narrow/parting_pairs.hpp"
 #include "systems/detect/narrow/regions.hpp"
+#include "systems/fluid/drops.hpp"
+#include "systems/fluid/films.hpp"
+#include "systems/fluid/sources.hpp"
 #include "systems/frame/frame.hpp"
 #include "systems/haptics/contact/local_contact_model.hpp"
 #include "systems/haptics/contact/passed_surfaces.hpp"
 #include "systems/haptics/tool.hpp"
 #include "systems/output/deformable_energy.hpp"
+#include "systems/output/picture_snapshot.hpp"
 #include "systems/output/self_crossings.hpp"
 #include "systems/output/surface_normals.hpp"
 #include "systems/prepare/link_bodies.hpp"
@@ -93,6 +97,10 @@ struct FrameScratch {
     SurfaceNormalsScratch normals;
     CrossingFacesScratch crossing_faces;
     EnergyScratch energy;
+    FluidSourcesScratch fluid_sources;
+    FilmsScratch films;
+    DropsScratch drops;
+    PictureLiquidScratch picture_liquid;
 };
 
 // Limits on a frame's work.

@@ -37,8 +37,11 @@ void bodies_come_and_go(World& w, FrameState& f) {
              f.scratch.spawning, {w.spawning, w.poses, w.particles, w.sleep, w.energy});
 }
 void actions(World& w, FrameState& f) {
-    const ActionPass pass{pass_seconds(w), {surfaces_of(w), w.solids, w.trees}, w.haptics.tool, w.haptics.jaw, w.haptics.state,
-                          w.actions,       &w.spawning,                         &w.node_state,  &w.nodes,       period_seconds(w)};
+    const ActionPass pass{pass_seconds(w), {surfaces_of(w), w.solids, w.trees},
+                          w.haptics.tool,  w.haptics.jaw,
+                          w.haptics.state, w.actions,
+                          &w.spawning,     &w.node_state,
+                          &w.nodes,        period_seconds(w)};
     act(pass, f.scratch.links, w.action_state, w.links, w.sleep, w.energy);
     if (!w.actions.heat_body.empty()) heat_with_tools(pass, w.action_state);
 }
@@ -72,7 +75,9 @@ void fast_bodies(World& w, FrameState&) {
     find_ccd_bodies({period_seconds(w), w.settings.gravity, surfaces_of(w), w.haptics.tool, w.devices, w.node_state}, w.fast_bodies,
                     w.boxes);
 }
-void joined_bodies(World& w, FrameState&) { find_joined_bodies(w.bodies, w.links, w.haptics.tool, w.haptics.jaw, w.actions, w.action_state.grasp, w.joined_bodies); }
+void joined_bodies(World& w, FrameState&) {
+    find_joined_bodies(w.bodies, w.links, w.haptics.tool, w.haptics.jaw, w.actions, w.action_state.grasp, w.joined_bodies);
+}
 void excluded_pairs(World& w, FrameState&) {
     find_pierced_bodies(w.haptics.tool, w.boxes, w.nodes.apart, w.haptics.state, w.excluded_pairs);
 }
@@ -217,8 +222,18 @@ void held_surfaces(World& w, FrameState& f) {
     hold_surfaces(w.self_contact_start, w.meshes, energy_inputs(w), f.options.account_energy, f.scratch.held_surfaces,
                   {w.particles, w.energy, w.report});
 }
-void link_forces(World& w, FrameState&) { note_link_forces(period_seconds(w), w.haptics.tool, w.haptics.jaw, w.actions, w.links, w.action_state, w.haptics.state); }
+void link_forces(World& w, FrameState&) {
+    note_link_forces(period_seconds(w), w.haptics.tool, w.haptics.jaw, w.actions, w.links, w.action_state, w.haptics.state);
+}
 void hand_forces(World& w, FrameState& f) { end_hand_pass(w.clock, !f.options.external_ticks, w.haptics); }
+
+FluidPass fluid_pass(const World& w) {
+    return {pass_seconds(w), period_seconds(w), surfaces_of(w), w.fluids, w.haptics.tool,       w.actions,
+            w.action_state,  w.node_state,      w.links,        w.solids, w.contact_constraints};
+}
+void fluid_sources(World& w, FrameState& f) { run_sources(fluid_pass(w), f.scratch.fluid_sources, w.fluid_state); }
+void films(World& w, FrameState& f) { flow_films(fluid_pass(w), f.scratch.films, w.fluid_state); }
+void drops(World& w, FrameState& f) { move_drops(fluid_pass(w), w.trees, f.scratch.drops, w.fluid_state); }
 
 void surface_normals(World& w, FrameState& f) {
     compute_surface_normals(surfaces_of(w), f.scratch.normals, w.normals, sleeping_bodies(f, kSeenByNormals));
@@ -230,8 +245,24 @@ void energy(World& w, FrameState& f) {
     measure_energy(energy_inputs(w), w.energy_start, f.scratch.energy, w.energy, sleeping_bodies(f, kSeenByEnergy));
 }
 void picture(World& w, FrameState& f) {
-    write_picture_snapshot({w.clock.picture, pass_seconds(w), surfaces_of(w), w.normals, w.contacts, w.penetrations, w.haptics, &w.tears,
-                            &w.spawning, &w.node_state, {}, &w.links, &w.actions, &w.action_state, &w.solids},
+    write_picture_snapshot({w.clock.picture,
+                            pass_seconds(w),
+                            surfaces_of(w),
+                            w.normals,
+                            w.contacts,
+                            w.penetrations,
+                            w.haptics,
+                            &w.tears,
+                            &w.spawning,
+                            &w.node_state,
+                            {},
+                            &w.links,
+                            &w.actions,
+                            &w.action_state,
+                            &w.solids,
+                            &w.fluids,
+                            &w.fluid_state,
+                            &f.scratch.picture_liquid},
                            w.picture, sleeping_bodies(f, kSeenByPicture));
 }
 }  // namespace stages
@@ -266,6 +297,7 @@ bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
 bool any_link(const World& w) { return !w.links.group.empty(); }
 bool any_action(const World& w) { return !w.actions.action.empty(); }
 bool any_tool_cut(const World& w) { return !w.actions.cut_body.empty() || !w.actions.cut_solid.empty(); }
+bool any_fluid(const World& w) { return !w.fluids.body.empty(); }
 bool any_tear(const World& w) { return !w.tears.body.empty(); }
 bool any_jaw_or_link(const World& w) { return any_pair(w) && (any_link(w) || !w.haptics.jaw.empty()); }
 bool any_excluded(const World& w) { return any_pair(w) && (any_tool(w) || !w.nodes.apart.empty()); }
@@ -388,13 +420,19 @@ constexpr FrameStage kStages[] = {
         mask(R::kLinks, R::kActionState, R::kToolState)}, any_link},
     {S::kHandForces,      P::kAdvance,  {"hand forces",     run<stages::hand_forces>,       mask(R::kClock, R::kTools),
         mask(R::kToolState)}, any_tool},
+    {S::kFluidSources,    P::kAdvance,  {"fluid sources",   run<stages::fluid_sources>,     kShapes | mask(R::kClock, R::kFluids, R::kTools, R::kActions, R::kActionState, R::kNodeState, R::kLinks, R::kSolids, R::kContactConstraints),
+        mask(R::kFluidState)}, any_fluid},
+    {S::kFilms,           P::kAdvance,  {"films",           run<stages::films>,             kShapes | mask(R::kClock, R::kFluids, R::kNodeState, R::kContactConstraints),
+        mask(R::kFluidState)}, any_fluid},
+    {S::kDrops,           P::kAdvance,  {"drops",           run<stages::drops>,             kShapes | mask(R::kClock, R::kFluids, R::kNodeState),
+        mask(R::kFluidState, R::kTrees)}, any_fluid},
     {S::kSurfaceNormals,  P::kPicture,  {"surface normals", run<stages::surface_normals>,   kShapes,
         mask(R::kNormals)}, any_deformable},
     {S::kSelfCrossings,   P::kPicture,  {"self-crossings",  run<stages::self_crossings>,    kShapes | mask(R::kClock, R::kSleep),
         mask(R::kSelfCrossings, R::kReport)}, any_deformable},
     {S::kEnergy,          P::kPicture,  {"energy",          run<stages::energy>,            mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kActions, R::kActionState),
         mask(R::kEnergy, R::kEnergyStart)}, any_energy},
-    {S::kPicture,         P::kPicture,  {"picture",         run<stages::picture>,           kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kSpawning, R::kNodeState, R::kLinks, R::kActions, R::kActionState, R::kSolids),
+    {S::kPicture,         P::kPicture,  {"picture",         run<stages::picture>,           kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kSpawning, R::kNodeState, R::kLinks, R::kActions, R::kActionState, R::kSolids, R::kFluids, R::kFluidState),
         mask(R::kPicture)}, any_body},
 };
 // clang-format on

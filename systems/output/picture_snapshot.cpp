@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "engine/tissue/embedded_surface.hpp"
 #include "engine/tissue/links.hpp"
@@ -224,6 +225,40 @@ void copy_burnt(const PictureInputs& in, PictureSnapshot& out) {
     }
 }
 
+// Films of wet bodies, and drops as spheres.
+void copy_liquids(const PictureInputs& in, PictureSnapshot& out) {
+    out.liquid.clear();
+    out.puff.clear();
+    if (!in.fluids || in.fluids->body.empty()) return;
+    const FluidState& state = *in.fluid_state;
+    out.up = -down_of(in.fluids->params.gravity);
+    const Puffs& puffs = state.puffs;
+    for (size_t i = 0; i < puffs.mass.size(); ++i)
+        out.puff.push_back({puffs.position[i], std::sqrt(puffs.variance[i]), in.fluids->params.smoke_extinction * puffs.mass[i]});
+    for (const FilmBody& film : in.fluids->body) {
+        PictureBody& body = out.body[film.body];
+        const auto volume = std::span(state.volume).subspan(film.cells.first, film.cells.count);
+        if (body.mesh == kNone || std::all_of(volume.begin(), volume.end(), [](double v) { return v == 0; })) continue;
+        FilmShape& shape = in.liquid->shape;
+        find_film_shape(in.surfaces, film.body, film.cells.count, -out.up, in.liquid->scratch, shape);
+        body.liquid = {static_cast<uint32_t>(out.liquid.size()), in.surfaces.meshes.info[body.mesh].vertices.count};
+        for (uint32_t v = 0; v < body.liquid.count; ++v) {
+            const float h = static_cast<float>(volume[v]) * shape.inverse_area[v];
+            const float share = volume[v] > 0 ? static_cast<float>(state.blood[film.cells.first + v] / volume[v]) : 0.0f;
+            const float level = shape.upright[v] > 0 ? levelness(h, shape.relief[v]) : 0.0f;
+            out.liquid.push_back({h, liquid_rise(h, shape.upright[v], shape.relief[v]), level, share});
+        }
+    }
+    constexpr std::array<float, 3> kBlood{0.15f, 0.006f, 0.007f}, kWater{0.55f, 0.60f, 0.62f};
+    const Drops& drops = state.drops;
+    for (size_t i = 0; i < drops.volume.size(); ++i) {
+        const float share = drops.volume[i] > 0 ? static_cast<float>(drops.blood[i] / drops.volume[i]) : 0.0f;
+        std::array<float, 3> colour;
+        for (size_t k = 0; k < 3; ++k) colour[k] = kWater[k] + std::min(4 * share, 1.0f) * (kBlood[k] - kWater[k]);
+        out.point.push_back({drops.position[i], std::cbrt(0.75 / std::numbers::pi * drops.volume[i]), colour});
+    }
+}
+
 void hide_absent(const PictureInputs& in, PictureSnapshot& out) {
     for (uint32_t body = 0; in.spawning && body < in.spawning->away.size(); ++body)
         if (is_away(*in.spawning, body)) out.body[body].mesh = kNone;
@@ -245,6 +280,7 @@ void write_picture_snapshot(const PictureInputs& inputs, PictureSnapshot& out, c
     copy_removed(inputs.surfaces, inputs.tears, out);
     copy_cut_surfaces(inputs, out);
     copy_burnt(inputs, out);
+    copy_liquids(inputs, out);
     hide_absent(inputs, out);
 }
 

@@ -4,6 +4,7 @@
 
 #include "components/actions.hpp"
 #include "components/contacts.hpp"
+#include "components/fluid.hpp"
 #include "components/haptics.hpp"
 #include "components/links.hpp"
 #include "components/nodes.hpp"
@@ -12,6 +13,7 @@
 #include "components/spawning.hpp"
 #include "components/tears.hpp"
 #include "engine/contact/sleeping_bodies.hpp"
+#include "engine/fluid/film_shape.hpp"
 #include "engine/mesh/surfaces.hpp"
 namespace trocar {
 
@@ -20,6 +22,11 @@ struct PicturePoints {
     std::span<const Vec3d> position;  // m, world
     double radius = 0;                // m
     std::array<float, 3> colour{};    // linear
+};
+
+struct PictureLiquidScratch {
+    FilmShapeScratch scratch;
+    FilmShape shape;
 };
 
 // Inputs of a picture.
@@ -39,6 +46,9 @@ struct PictureInputs {
     const Actions* actions = nullptr;           // which bodies instruments may cut; or null
     const ActionState* action_state = nullptr;  // with it
     const Solids* solids = nullptr;             // to find the nodes of the links; or null
+    const Fluids* fluids = nullptr;             // wet bodies; or null
+    const FluidState* fluid_state = nullptr;    // with it
+    PictureLiquidScratch* liquid = nullptr;     // with it
 };
 
 // Copies what a picture shows into `out`, whose capacity is reused. A vertex gets the deepest of its

@@ -363,7 +363,8 @@ void render_picture(const PictureParams& params, const Camera& camera, const Pic
             grow(box, tool.device);
             grow(box, tool.proxy);
         }
-    const View view = make_view(camera, box, params.width, params.height);
+    View view = make_view(camera, box, params.width, params.height);
+    view.liquid_up = snapshot.up;
     renderer.draw(params, view, snapshot, scratch.markers, scratch.ground, out);
     if (params.smooth_edges) smooth_edges(scratch.smooth, out);
     if (params.depth_colours) draw_legend(params, out);

@@ -136,6 +136,15 @@ INSTANTIATE_TEST_SUITE_P(Scenes, WarmFrame,
                                          "shaft_on_liver"),
                          [](const auto& info) { return info.param; });
 
+// Blood and water on a liver, drops of a jet and suction.
+TEST(Allocations, NoneForLiquids) {
+    for (const uint32_t threads : {1u, 3u}) {
+        const Runs runs = run_twice("bleed_and_suck", threads, 100);
+        EXPECT_EQ(runs.first_hash, runs.second_hash);
+        EXPECT_EQ(runs.warm.ours, 0u) << list(runs.warm);
+    }
+}
+
 // Islands are assigned to threads arbitrarily: no thread may allocate for an island that another one had in
 // the first run. Breaks when only the thread that ran the largest island has memory for it.
 TEST(Allocations, NoneForIslandsThatChangeThreads) {

@@ -55,6 +55,12 @@ TEST(AbsentFeatures, SceneWithoutToolHasNoHapticStageAndNoHapticBytes) {
         EXPECT_EQ(w.tears.body.capacity() + w.torn.spring.capacity() + w.torn_springs.neighbour.capacity(), 0u) << "nothing tears";
         EXPECT_EQ(w.springs.factor.capacity() + w.solids.factor.capacity(), 0u) << "no region differs";
         EXPECT_EQ(w.bodies.stepping.capacity(), 0u) << "none says how it is stepped";
+        for (const char* stage : {"fluid sources", "films", "drops"}) EXPECT_FALSE(has_stage(frame, stage));
+        EXPECT_EQ(w.fluids.body.capacity() + w.fluid_state.volume.capacity() + w.fluid_state.from.capacity() +
+                      w.fluid_state.drops.volume.capacity() + w.fluid_state.puffs.mass.capacity() + w.picture.liquid.capacity() +
+                      w.picture.puff.capacity(),
+                  0u)
+            << "nothing is wet";
     });
     run_and_look(std::move(small_scene("probe_on_liver").world), 1, [](const Frame& frame) {
         for (const char* stage : {"device input", "local contact"}) EXPECT_TRUE(has_stage(frame, stage));

@@ -56,6 +56,8 @@ TEST_P(ClearScratch, BetweenAnyTwoStages) {
 
 INSTANTIATE_TEST_SUITE_P(Scenes, ClearScratch, testing::ValuesIn(scene_names()), [](const auto& info) { return info.param; });
 
+INSTANTIATE_TEST_SUITE_P(Wet, ClearScratch, testing::Values("bleed_and_suck", "smoke"), [](const auto& info) { return info.param; });
+
 // A mesh stepped implicitly falls on a wall.
 TEST(ClearScratchMore, ImplicitContact) {
     expect_same([] { return built("mesh_on_wall", {{"mesh.integrator", "implicit"}, {"mesh.triangles", "200"}, {"wall.triangles", "1000"}}); },

@@ -112,5 +112,6 @@ TEST_P(DeclaredAccess, StagesTouchOnlyWhatTheirRowsName) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, DeclaredAccess, testing::ValuesIn(scene_names()), [](const auto& info) { return info.param; });
+INSTANTIATE_TEST_SUITE_P(Wet, DeclaredAccess, testing::Values("bleed_and_suck", "smoke"), [](const auto& info) { return info.param; });
 
 }  // namespace

@@ -174,6 +174,25 @@ nlohmann::ordered_json actions_json(const ActionFigures& a) {
     return j;
 }
 
+nlohmann::ordered_json fluid_json(const FluidFigures& f) {
+    return {{"bled_m3", f.bled},
+            {"irrigated_m3", f.irrigated},
+            {"film_m3", f.film},
+            {"pools_m3", f.pools},
+            {"drops_m3", f.drops},
+            {"sucked_m3", f.sucked},
+            {"sucked_blood_m3", f.sucked_blood},
+            {"lost_m3", f.lost},
+            {"ledger_error", f.error},
+            {"bleeding_m3_s", f.bleeding},
+            {"wounds", f.wounds},
+            {"sealed", f.sealed},
+            {"smoke_emitted_kg", f.emitted},
+            {"smoke_kg", f.smoke},
+            {"smoke_sucked_kg", f.smoke_sucked},
+            {"smoke_cleared_kg", f.cleared}};
+}
+
 }  // namespace
 
 std::string device_text(const ToolFigures& t) {
@@ -264,6 +283,7 @@ std::string metrics_json(const RunFigures& f) {
         j["links"].push_back(
             {{"name", l.name}, {"made", l.made}, {"broken", l.broken}, {"max_force_n", l.force}, {"max_strain", l.strain}});
     if (f.actions.any) j["actions"] = actions_json(f.actions);
+    if (f.fluid.any) j["fluid"] = fluid_json(f.fluid);
     j["report"] = report_json(f);
     return j.dump(2) + "\n";
 }

@@ -53,18 +53,28 @@ struct LinkFigures {
 
 // What all instruments of a scene did.
 struct ActionFigures {
-    bool any = false;                     // the scene has instruments that act
+    bool any = false;                                                     // the scene has instruments that act
     bool staples = false, cuts = false, grasps = false, cautery = false;  // and these kinds of actions
     uint64_t set = 0, misfires = 0, pulled_out = 0;
-    double pull = 0;  // N, largest force of one staple, mean over a pass
-    uint64_t cut = 0, refused = 0;  // strokes that cut; passes whose cut found no room
-    double area = 0;  // m^2, of the new surface on one side
-    double work = 0;  // J, that it took
+    double pull = 0;                                         // N, largest force of one staple, mean over a pass
+    uint64_t cut = 0, refused = 0;                           // strokes that cut; passes whose cut found no room
+    double area = 0;                                         // m^2, of the new surface on one side
+    double work = 0;                                         // J, that it took
     uint64_t grasped = 0, nothing_grasped = 0, slipped = 0;  // grasps; that found nothing; that slipped out
     double grip = 0;                                         // N, largest force of one grasp, mean over a pass
     uint64_t burns = 0;                                      // strokes that heated
     double heat = 0, burnt = 0;                              // J, that they gave; m^2, of surface that coagulated
     double hottest = 0;                                      // degrees Celsius, now
+};
+
+// Liquids at the end of a run, m^3.
+struct FluidFigures {
+    bool any = false;  // something may be wet
+    double bled = 0, irrigated = 0, film = 0, pools = 0, drops = 0, sucked = 0, sucked_blood = 0, lost = 0;
+    double error = 0;                                              // of the ledger, relative
+    double bleeding = 0;                                           // m^3/s, out of all wounds, in the last pass
+    uint32_t wounds = 0, sealed = 0;                               // whose time it is, and of them those that do not bleed
+    double smoke = 0, emitted = 0, smoke_sucked = 0, cleared = 0;  // kg
 };
 
 // Detection cost of a pair of bodies, over the passes in which it had candidate vertices.
@@ -127,6 +137,7 @@ struct RunFigures {
     uint64_t tree_builds = 0;  // by Embree, of the bodies' trees
     std::vector<LinkFigures> link;
     ActionFigures actions;
+    FluidFigures fluid;
     std::vector<ToolFigures> tool;
     std::vector<DriveFigures> drive;
     std::vector<ToolSample> tool_sample;            // of every pass

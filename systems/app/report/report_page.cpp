@@ -51,6 +51,19 @@ std::string fact(const std::string& value, const std::string& what) {
 
 std::string row(const std::string& name, const std::string& value) { return "<tr><td>" + name + "</td><td>" + value + "</td></tr>"; }
 
+std::string fluid_rows(const FluidFigures& f) {
+    if (!f.any) return "";
+    const auto ml = [](double m3) { return format("%.2f ml", 1e6 * m3); };
+    std::string rows =
+        row("liquids", "bled " + ml(f.bled) + ", irrigated " + ml(f.irrigated) + "; sucked " + ml(f.sucked) + " (" + ml(f.sucked_blood) +
+                           " of blood), film " + ml(f.film) + ", pools " + ml(f.pools) + ", drops " + ml(f.drops) + ", lost " + ml(f.lost) +
+                           format("; what came less what is there and went: %.1e of it", f.error));
+    if (f.wounds > 0) rows += row("wounds", format("%u of %u sealed", f.sealed, f.wounds));
+    if (f.emitted > 0)
+        rows += row("smoke", format("%.3g mg; sucked %.3g mg, cleared %.3g mg", 1e6 * f.emitted, 1e6 * f.smoke_sucked, 1e6 * f.cleared));
+    return rows;
+}
+
 std::string head(const RunFigures& f, const ContactColumns& c) {
     std::string facts = fact(format("%.2f s", f.simulated_s), "simulated in " + format("%.2f s", f.wall_s) + " of real time");
     facts += fact(std::to_string(c.total.size()),
@@ -72,6 +85,7 @@ std::string head(const RunFigures& f, const ContactColumns& c) {
                                    "threads");
     for (const ToolFigures& tool : f.tool)
         if (!tool.device.empty()) table += row("device of " + escape_html(tool.body), escape_html(device_text(tool)));
+    table += fluid_rows(f.fluid);
     table += row("machine", escape_html(f.machine) + ", " + std::to_string(f.threads) + (f.threads == 1 ? " thread, " : " threads, ") +
                                 escape_html(f.instruction_set));
     table += row("program", "trocar " + escape_html(f.version) + (f.live ? ", live" : ", in lockstep"));

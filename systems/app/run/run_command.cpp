@@ -38,6 +38,7 @@
 #include "systems/app/run/live_run.hpp"
 #include "systems/app/station/exercise_file.hpp"
 #include "systems/app/station/score_section.hpp"
+#include "systems/fluid/amounts.hpp"
 #include "systems/frame/frame.hpp"
 namespace trocar {
 namespace fs = std::filesystem;
@@ -87,6 +88,7 @@ ActionFigures action_figures(const World& w) {
     ActionFigures a;
     for (size_t i = 0; i < w.actions.action.size(); ++i) {
         const ActionProgress& p = w.action_state.progress[i];
+        if (is_nozzle(w.actions.action[i].kind)) continue;
         a.any = true;
         switch (w.actions.action[i].kind) {
             case ActionKind::kStaple:
@@ -107,6 +109,9 @@ ActionFigures action_figures(const World& w) {
                 a.cautery = true;
                 a.burns += p.done, a.heat += p.heat, a.burnt += p.burnt;
                 break;
+            case ActionKind::kIrrigate:
+            case ActionKind::kSuck:
+                break;  // of fluids
         }
     }
     for (const ToolGrasp& grasp : w.action_state.grasp) a.grip = std::max(a.grip, grasp.largest_force);
@@ -118,6 +123,25 @@ ActionFigures action_figures(const World& w) {
         if (group != kNone) a.pull = std::max(a.pull, w.links.group[group].largest_force);
     }
     return a;
+}
+
+FluidFigures fluid_figures(const World& w) {
+    if (w.fluids.body.empty()) return {};
+    FluidShapeScratch scratch;
+    const FluidAmounts there = measure_fluids(surfaces_of(w), w.fluids, w.fluid_state, scratch);
+    const FluidLedger& l = w.fluid_state.ledger;
+    FluidFigures f{true, l.bled, l.irrigated, there.film, there.pools, there.drops, l.sucked, l.sucked_blood, l.lost, there.error};
+    const double now = static_cast<double>(w.clock.tick) * 1e-3;
+    for (size_t i = 0; i < w.fluids.wound.size(); ++i) {
+        const Wound& wound = w.fluids.wound[i];
+        f.bleeding += w.fluid_state.bleeding[i];
+        if (now <= wound.begin || now >= wound.end) continue;
+        ++f.wounds;
+        if (w.fluid_state.bleeding[i] == 0) ++f.sealed;
+    }
+    for (const double mass : w.fluid_state.puffs.mass) f.smoke += mass;
+    f.emitted = w.fluid_state.smoke.emitted, f.smoke_sucked = w.fluid_state.smoke.sucked, f.cleared = w.fluid_state.smoke.cleared;
+    return f;
 }
 
 void finish_figures(const Frame& frame, RunFigures& figures) {
@@ -147,6 +171,7 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
         if (g.body != kNone) figures.link.push_back({g.name, g.made, g.broken, g.largest_force, g.largest_strain});
     }
     figures.actions = action_figures(w);
+    figures.fluid = fluid_figures(w);
     if (!figures.live) {
         figures.ticks = w.haptics.ticks;
         figures.max_force = w.haptics.max_force;
@@ -372,6 +397,19 @@ std::string capture_text(const RunFigures& f) {
                   1e3 * f.capture_s / static_cast<double>(f.pass.size()), passes > 0 ? 100 * f.capture_s / passes : 0);
 }
 
+std::string fluid_text(const RunFigures& f) {
+    const FluidFigures& l = f.fluid;
+    if (!l.any) return "";
+    std::string text = format(
+        "  bled %.2f ml, irrigated %.2f ml, sucked %.2f ml; film %.2f ml, pools %.2f ml, drops %.2f ml, lost %.2f ml; ledger to %.1e",
+        1e6 * l.bled, 1e6 * l.irrigated, 1e6 * l.sucked, 1e6 * l.film, 1e6 * l.pools, 1e6 * l.drops, 1e6 * l.lost, std::abs(l.error));
+    if (l.wounds > 0) text += format("; %u of %u wounds sealed", l.sealed, l.wounds);
+    if (l.emitted > 0)
+        text += format("\n  smoke %.3g mg: %.3g sucked, %.3g cleared, %.3g left", 1e6 * l.emitted, 1e6 * l.smoke_sucked, 1e6 * l.cleared,
+                       1e6 * l.smoke);
+    return text + "\n";
+}
+
 void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) {
     const ContactColumns contact = contact_columns(f);
     const std::string text = format(
@@ -381,7 +419,7 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
         f.scene.c_str(), f.simulated_s, f.wall_s, f.build_s, f.threads, f.threads == 1 ? "" : "s", f.instruction_set.c_str(),
         contact.total.size(), mean(contact.total), quantile(contact.total, 0.99), quantile(contact.depth_mm, 1),
         static_cast<unsigned long long>(f.ticks), f.max_force, static_cast<unsigned long long>(f.state_hash));
-    write_standard_output(text + live_text(f) + scale_text(f) + capture_text(f));
+    write_standard_output(text + fluid_text(f) + live_text(f) + scale_text(f) + capture_text(f));
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
                                                           : "  differs from the live run: " + f.replay_difference + "\n");

@@ -44,7 +44,7 @@ Known known_of(const std::string& name) {
     return {};
 }
 
-bool is_sheet(const std::string& name) { return name == "surgical_mesh" || name == "sac" || name == "sheet"; }
+bool is_sheet(const std::string& name) { return name == "surgical_mesh" || name == "sac" || name == "sheet" || name == "dish"; }
 
 void expect_sound(const Mesh& mesh, const std::string& name, const std::string& what) {
     EXPECT_EQ(mesh.uv.size(), mesh.triangle.size()) << what;

@@ -446,6 +446,41 @@ TEST(Render, BlendsFromFarToNear) {
     EXPECT_EQ(picture(false).rgba, picture(true).rgba);
 }
 
+// Smoke before a square: each pixel's light is dimmed by exp(-depth) and gains what the smoke scatters, by the column through a Gaussian
+// in double. Breaks when smoke is blended in encoded colours, or dims by another law than Beer-Lambert's.
+TEST(Render, SmokeDimsByBeerLambert) {
+    PictureScene scene;
+    scene.add_body(scene.add_mesh(make_square(0.2, {0, 1, 0})), Motion::kStatic);
+    const PictureParams params = bare();
+    const Camera camera = from_above(0.3);
+    GlRenderer renderer(scene.meshes);
+    RenderScratch scratch;
+    const auto with_smoke = [&](double extinction) {
+        PictureSnapshot snapshot = scene.snapshot();
+        if (extinction > 0) snapshot.puff.push_back({Vec3d(0, 0, 0.05), 0.01, extinction});
+        Image out;
+        render_picture(params, camera, snapshot, renderer, scratch, out);
+        return out;
+    };
+    const Image clear = with_smoke(0), dim = with_smoke(3e-4), thick = with_smoke(1);
+    uint32_t compared = 0;
+    double worst = 0;
+    for (uint32_t y = 0; y < dim.height; ++y) {
+        for (uint32_t x = 0; x < dim.width; ++x) {
+            const double pixels = 0.5 * params.height / std::tan(0.5 * camera.field_of_view);
+            const Vec3d ray = Vec3d((x + 0.5 - 0.5 * params.width) / pixels, (y + 0.5 - 0.5 * params.height) / pixels, 1).normalized();
+            const double along = ray.z() * 0.25, b2 = 0.25 * 0.25 - along * along;
+            if (b2 > 0.02 * 0.02) continue;
+            const double left = std::exp(-3e-4 / (2 * M_PI * 1e-4) * std::exp(-b2 / 2e-4));
+            const double before = linear(pixel(clear, x, y).green), grey = linear(pixel(thick, x, y).green);
+            worst = std::max(worst, std::abs(linear(pixel(dim, x, y).green) - left * before - (1 - left) * grey));
+            ++compared;
+        }
+    }
+    EXPECT_GT(compared, 1000u);
+    EXPECT_LT(worst, 0.012) << "of 1; a step of 8 bits is up to 0.008 here";
+}
+
 // a picture has no holes, whatever the alpha of a texture: the background is visible there
 TEST(Render, ShowsWhatIsBehindAHoleOfATexture) {
     PictureScene scene;
