@@ -47,6 +47,8 @@ constexpr uint32_t kMostPuffs = 600, kMostEdges = 4096;
 FilmRoom room_of(const World& world, uint32_t body) {
     for (const CutBody& cut : world.actions.cut_body)
         if (cut.body == body) return {cut.vertices.count, cut.edges, true};
+    for (const CutSolid& cut : world.actions.cut_solid)
+        if (cut.body == body) return {cut.vertices.count, cut.mesh_edges, true};
     return {0, 0, find_of_body(world.tears.body, body) != kNone};
 }
 
