@@ -11,6 +11,7 @@
 #include "components/external_displacement.hpp"
 #include "components/fast_bodies.hpp"
 #include "components/haptics.hpp"
+#include "components/lens.hpp"
 #include "components/links.hpp"
 #include "components/mesh.hpp"
 #include "components/nodes.hpp"
@@ -61,6 +62,7 @@ struct World {
     SpawnState spawning;
     NodeState node_state;
     ActionState action_state;
+    Lenses lenses;
     // known only to a live run and its replay, which restore them
     std::vector<DeviceState> live_devices;  // per tool, where the pass before led to; empty: there was none
     EnergyStart energy_start;
@@ -161,6 +163,7 @@ struct CaptureRecord;
     R(kPassedSurfaces, passed_surfaces, "passed surfaces", kAccounts)             \
     R(kActions, actions, "actions", kConstant)                                   \
     R(kActionState, action_state, "action state", kState)                          \
+    R(kLenses, lenses, "lenses", kState)                                       \
     R(kSelfContacts, self_contacts, "self-contacts", kState)                     \
     R(kSelfContactStart, self_contact_start, "self-contact start", kDerived)
 

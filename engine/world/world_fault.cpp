@@ -155,7 +155,10 @@ void check_fields(const World& w, std::string& not_a_number) {
                                                           {"cut vertices", w.action_state.cut.position.size()},
                                                           {"cut triangles", w.action_state.cut.triangle.size()},
                                                           {"heated nodes", w.actions.heat_volume.size()},
-                                                          {"heat edges", w.actions.heat_edge.size()}};
+                                                          {"heat edges", w.actions.heat_edge.size()},
+                                                          {"heat springs", w.actions.heat_spring.size()},
+                                                          {"heat tetrahedra", w.actions.heat_tetrahedron.size()},
+                                                          {"cut bodies", w.actions.cut_body.size()}};
     FieldCheck check{counts};
 #define TROCAR_CHECK_RESOURCE(bit, member, name, kind)                                                                \
     if constexpr (ResourceKind::kind == ResourceKind::kConstant || ResourceKind::kind == ResourceKind::kState) {      \

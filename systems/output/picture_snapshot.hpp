@@ -39,6 +39,7 @@ struct PictureInputs {
     const Actions* actions = nullptr;           // which bodies instruments may cut; or null
     const ActionState* action_state = nullptr;  // with it
     const Solids* solids = nullptr;             // to find the nodes of the links; or null
+    double fog = 0;                             // of the lens: see PictureSnapshot
 };
 
 // Copies what a picture shows into `out`, whose capacity is reused. A vertex gets the deepest of its

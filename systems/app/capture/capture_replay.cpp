@@ -8,6 +8,7 @@
 #include "systems/app/capture/capture_difference.hpp"
 #include "systems/haptics/contact/device_motion.hpp"
 #include "engine/tissue/cut_setup.hpp"
+#include "engine/tissue/heat.hpp"
 #include "systems/prepare/tear_bodies.hpp"
 namespace trocar {
 namespace {
@@ -44,6 +45,9 @@ void set_state(const CaptureRecord& state, World& world) {
 void restore_surfaces(World& w) {
     restore_torn_surfaces(w.solids, w.bodies, w.particles, w.torn, w.meshes, w.trees, w.tears);
     restore_cut_surfaces(w.actions, w.action_state.cut, w.bodies, w.particles, w.meshes, w.springs, w.anchors, w.trees);
+    restore_heat(w.bodies, w.meshes, w.solids, w.actions);
+    for (const HeatBody& body : w.actions.heat_body)
+        if (body.cut != kNone) note_factors(body, w.bodies, w.springs, w.actions);
 }
 
 }  // namespace
