@@ -150,7 +150,7 @@ TEST(ToolHeat, DamageFollowsArrhenius) {
 // A whole scene: what the tip gives, what coagulates, what is listed in the pass and drawn. Away from the tissue nothing happens.
 TEST(ToolHeat, ATipCoagulatesWhatItTouches) {
     for (const char* kind : {"anchor = \"world\"", "model = \"solid\"\ncells = 10", "model = \"solid\"\nskin = true\ncells = 8"}) {
-        const WrittenScene scene("burns", heated_cube("", kind));
+        const WrittenScene scene("burns", heated_cube("stiffening = 1.0", kind));
         double listed = 0;
         run(scene.build().world, 130, [&](Frame& frame, int pass) {
             const World& w = frame.world();
@@ -246,7 +246,7 @@ uint32_t count_rim(const World& w, uint32_t& wrong, uint32_t& open_vessels) {
 }
 
 std::string boiling(const std::string& kind, const std::string& power) {
-    return swapped(heated_cube("perfusion = 0.0\nwater = 0.05\nparts = true", kind), "power = 40.0", "power = " + power);
+    return swapped(heated_cube("perfusion = 0.0\nwater = 0.05\nparts = true\nstiffening = 2.0", kind), "power = 40.0", "power = " + power);
 }
 
 // What boils away is removed: a hole whose rim is a closed curve of coagulated vertices, all heat being in tissue and steam.
