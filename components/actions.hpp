@@ -139,8 +139,18 @@ struct HeatBody {
     double damage_rate = 0;    // 1/s, of the Arrhenius integral
     double damage_energy = 0;  // J/mol, likewise
     double stable_dt = 0;      // s, of explicit diffusion
+    double conductivity = 0;   // W/(m K)
+    double wall = 0;           // m, of a shell or sheet
+    double stiffening = 1;     // stiffness of denatured tissue / that before
+    double boil = 0;           // J/m^3, that boil away its water
+    bool parts = false;        // what has boiled away is removed
+    uint32_t cut = kNone;      // the same body as one that instruments may cut
+    Range springs;             // of Actions::heat_spring: factors of its springs without stiffening; empty without
+    Range tetrahedra;          // of Actions::heat_tetrahedron, likewise
     TROCAR_FIELDS(body, "index of bodies", nodes, "range of heated nodes", edges, "range of heat edges", per_volume, "J/(m^3 K)", perfusion,
-                  "W/(m^3 K)", metabolism, "W/m^3", blood, "C", damage_rate, "1/s", damage_energy, "J/mol", stable_dt, "s");
+                  "W/(m^3 K)", metabolism, "W/m^3", blood, "C", damage_rate, "1/s", damage_energy, "J/mol", stable_dt, "s", conductivity, "W/(m K)", wall, "m",
+                  stiffening, boil, "J/m^3", parts, cut, "index of cut bodies or none", springs, "range of heat springs", tetrahedra,
+                  "range of heat tetrahedra");
 };
 
 // Two nodes of a heated body between which heat flows.
@@ -150,7 +160,7 @@ struct HeatEdge {
     TROCAR_FIELDS(a, b, conductance, "W/K");
 };
 
-// Constant after load.
+// Constant after load; what heat needs of a body that instruments cut follows its surface.
 struct Actions {
     std::vector<ToolAction> action;
     std::vector<double> time;                   // s, ascending within an action
@@ -169,9 +179,12 @@ struct Actions {
     std::vector<double> heat_volume;            // m^3, of the tissue at a node, at rest
     std::vector<double> heat_area;              // m^2, of the surface at a node, at rest; 0 inside
     std::vector<HeatEdge> heat_edge;
+    std::vector<float> heat_spring;              // as Springs::factor, of the columns of a body
+    std::vector<float> heat_tetrahedron;         // as Solids::factor
     std::vector<std::array<uint32_t, 2>> heats;  // index into action, index into heat_body: what each tip heats
     TROCAR_FIELDS(action, time, "s", cut_body, cuts, cut_solid, solid_cuts, lattice_tetrahedron, lattice_neighbour, lattice_edge, lattice_face,
-                  lattice_uv, lattice_material, lattice_anchor, "N/m", heat_body, heat_volume, "m^3", heat_area, "m^2", heat_edge, heats);
+                  lattice_uv, lattice_material, lattice_anchor, "N/m", heat_body, heat_volume, "m^3", heat_area, "m^2", heat_edge, heat_spring,
+                  heat_tetrahedron, heats);
 };
 
 // What one action has done so far.

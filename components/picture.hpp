@@ -52,7 +52,8 @@ struct PictureTool {
     Vec3d proxy = Vec3d::Zero();   // m, world: tip kept outside the surface; equals device without contact
     double radius = 0;             // m, of the tip
     Vec3d force = Vec3d::Zero();   // N, on the hand
-    TROCAR_FIELDS(device, "m", proxy, "m", radius, "m", force, "N");
+    uint32_t body = kNone;
+    TROCAR_FIELDS(device, "m", proxy, "m", radius, "m", force, "N", body);
 };
 
 // A small sphere beside the surfaces.
@@ -102,8 +103,9 @@ struct PictureSnapshot {
     std::vector<PicturePuff> puff;  // smoke
     double depth = 0;               // m, deepest penetration; 0 when nothing overlaps
     double force = 0;               // N, largest force commanded to a hand
+    double fog = 0;                 // fraction of its light that a fogged lens scatters, 0..1
     TROCAR_FIELDS(number, time, "s", body, position, "m", normal, contact_depth, "m", removed, exposed, witness, tool, point, rod, burnt,
-                  liquid, up, puff, depth, "m", force, "N");
+                  liquid, up, puff, depth, "m", force, "N", fog);
 };
 
 enum class CameraKind : uint8_t {
@@ -121,6 +123,16 @@ struct Camera {
     double distance = 0.5;                   // m, orbit
     Vec3d position = Vec3d(0, -0.15, 0.15);  // m, laparoscope
     double field_of_view = 0.6;              // vertical; laparoscopes have about 1.22
+    double lamp = 0;                         // m, laparoscope: the light is so far above the lens, as seen in the picture
+    // laparoscope that a body holds, such as a tool: `position` is in the frame of that body, `target` is not used
+    uint32_t body = kNone;
+    Vec3d shaft = Vec3d::UnitZ();  // unit, body frame: out of the tip
+    Vec3d mark = Vec3d::UnitY();   // unit, body frame: up in the picture
+    double optic = 0;              // of the direction of view against the shaft
+    double optic_roll = 0;         // about the shaft: whereto that is, clockwise as seen from behind; 0 = towards the mark
+    double roll = 0;               // of the camera head about the shaft, clockwise as seen from behind
+    bool level = false;            // the head is held so that up in the picture is `up`, not the mark
+    double light = 0.1;            // m, from the lens, where its light has its nominal brightness
     Vec3d floor = Vec3d::Zero();             // m, point of the floor in the middle of the scene
     double floor_radius = 0;                 // m, radius at which the floor has faded out; 0 = no floor
 };

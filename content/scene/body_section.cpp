@@ -26,6 +26,9 @@ HeatTissue read_heat(TomlSection section, HeatTissue heat) {
     section.read("specific_heat", heat.specific_heat, 1e-3, 1e9);
     section.read("perfusion", flow, 0, 1e3);
     section.read("metabolism", heat.metabolism, 0, 1e9);
+    section.read("stiffening", heat.stiffening, 1, 1e3);
+    section.read("water", heat.water, 1e-3, 1);
+    section.read("parts", heat.parts);
     heat.perfusion = flow * kBlood;
     section.refuse_unknown();
     return heat;

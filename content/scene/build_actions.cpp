@@ -3,8 +3,11 @@
 #include <algorithm>
 
 #include "content/scene/find_body.hpp"
+#include "engine/tissue/bending_forces.hpp"
 #include "engine/tissue/heat.hpp"
 #include "engine/tissue/links.hpp"
+#include "engine/tissue/pressure_force.hpp"
+#include "engine/tissue/tet_forces.hpp"
 namespace trocar {
 namespace {
 
@@ -21,9 +24,9 @@ uint32_t tool_row_of(const SceneFile& scene, const ToolSpec& spec, const World& 
 uint32_t heat_body(const SceneFile& scene, const ActionSpec& spec, uint32_t body, World& world) {
     const std::string where = "a cautery: body \"" + world.bodies.name[body] + "\" ";
     if (!is_deformable(world.bodies, body)) refuse(scene, spec.line, where + "must be deformable");
-    if (find_of_body(world.actions.cut_body, body) != kNone || find_of_body(world.actions.cut_solid, body) != kNone ||
-        find_of_body(world.tears.body, body) != kNone)
-        refuse(scene, spec.line, where + "may be cut or tear: its nodes would change");
+    if (find_of_body(world.actions.cut_solid, body) != kNone)
+        refuse(scene, spec.line, where + "is a solid that instruments cut: its nodes would change");
+    const uint32_t cut = find_of_body(world.actions.cut_body, body);
     const uint32_t known = find_of_body(world.actions.heat_body, body);
     if (known != kNone) return known;
     const auto of =
@@ -31,7 +34,14 @@ uint32_t heat_body(const SceneFile& scene, const ActionSpec& spec, uint32_t body
     const HeatTissue heat = of == scene.bodies.end() ? HeatTissue{} : of->heat;
     const Tissue& tissue = world.bodies.tissue[body];
     const double wall = world.bodies.thickness[body] > 0 ? world.bodies.thickness[body] : tissue.wall;
-    add_heat_body(heat, tissue.density, wall, body, world.bodies, world.meshes, world.solids, world.actions, world.action_state.heat);
+    const bool shell = !is_solid(world.solids, world.bodies.mesh[body]);
+    if (heat.parts && shell && (has_pressure(world.bodies, body) || has_bending(world.bodies, body)))
+        refuse(scene, spec.line, where + "parts where it boils away: set pressure_modulus and bending to 0");
+    if (heat.parts && cut != kNone) refuse(scene, spec.line, where + "parts where it boils away, and instruments cut it: one of both");
+    if (heat.stiffening > 1 && body < world.bodies.stepping.size() && world.bodies.stepping[body].integrator == Integrator::kBackwardEuler)
+        refuse(scene, spec.line, where + "is stepped by backward Euler, whose matrix is constant: take integrator = \"leapfrog\" or stiffening = 1");
+    add_heat_body(heat, tissue.density, wall, body, cut, world.bodies, world.meshes, world.solids, world.actions, world.action_state.heat);
+    if (heat.stiffening > 1) let_stiffen(world.actions.heat_body.back(), world.springs, world.solids, world.bodies, world.actions);
     return static_cast<uint32_t>(world.actions.heat_body.size() - 1);
 }
 
@@ -66,6 +76,13 @@ void add_action(const SceneFile& scene, const ActionSpec& spec, uint32_t tool, W
 }
 
 }  // namespace
+
+bool is_heated_by_tools(const SceneFile& scene, const std::string& body) {
+    return std::any_of(scene.tools.begin(), scene.tools.end(), [&](const ToolSpec& tool) {
+        return std::any_of(tool.actions.begin(), tool.actions.end(),
+                           [&](const ActionSpec& spec) { return spec.action.kind == ActionKind::kCauterise && names(spec, body); });
+    });
+}
 
 bool is_cut_by_tools(const SceneFile& scene, const std::string& body) {
     return std::any_of(scene.tools.begin(), scene.tools.end(), [&](const ToolSpec& tool) {

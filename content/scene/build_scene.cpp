@@ -365,7 +365,8 @@ namespace {
 
 bool may_tear(const SceneFile& scene, const BodySpec& spec) {
     const bool cut = std::any_of(scene.cuts.begin(), scene.cuts.end(), [&](const CutSpec& c) { return c.body == spec.name; });
-    return spec.motion == Motion::kDeformable && (cut || std::isfinite(spec.break_strain));
+    const bool boils_away = spec.heat.parts && is_heated_by_tools(scene, spec.name);
+    return spec.motion == Motion::kDeformable && (cut || boils_away || std::isfinite(spec.break_strain));
 }
 
 // Elements of a shell or sheet that instruments cut; none for other bodies.
@@ -422,7 +423,9 @@ Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, Worl
 auto key_of(const SceneFile& scene, const BodySpec& spec) {
     const bool caged = spec.skin && !spec.solid, swells = spec.tissue.pressure_modulus > 0, bends = spec.tissue.bending > 0;
     const std::string own =
-        may_tear(scene, spec) || !spec.regions.empty() || is_cut_by_tools(scene, spec.name) ? spec.name : "";  // not to be shared
+        may_tear(scene, spec) || !spec.regions.empty() || is_cut_by_tools(scene, spec.name) || is_heated_by_tools(scene, spec.name)
+            ? spec.name
+            : "";  // not to be shared
     return std::tuple(own, spec.file, spec.shape, spec.triangles, spec.seed, spec.scale, spec.size, spec.cells, spec.spacing, spec.color,
                       spec.motion == Motion::kDeformable, spec.solid, spec.skin, caged && swells, caged && bends);
 }
@@ -623,6 +626,11 @@ BuiltScene build_scene(const SceneFile& given, Looks looks) {
     make_trees(world);
     for (std::string& doubt : find_doubts(scene, world)) built.warnings.push_back(std::move(doubt));
     built.camera = scene.camera;
+    if (!scene.camera_body.empty()) built.camera.body = find_body(scene, scene.camera_line, world, scene.camera_body, "the camera: ");
+    if (built.camera.body != kNone && is_deformable(world.bodies, built.camera.body))
+        refuse(scene, scene.camera_line, "the camera: body \"" + scene.camera_body + "\" must be rigid");
+    world.lenses = scene.lenses;
+    for (Lens& lens : world.lenses.lens) lens.body = built.camera.body;
     built.picture = scene.picture;
     return built;
 }

@@ -37,8 +37,38 @@ double read_angle(TomlSection& section, std::string_view key, double degrees, do
     return degrees * std::numbers::pi / 180;
 }
 
-Camera read_camera(TomlSection section, PictureParams& picture) {
-    Camera camera;
+Lens read_fog(TomlSection section) {
+    Lens lens;
+    section.read("lens", lens.temperature, -40, 50);
+    section.read("cavity", lens.cavity, -40, 50);
+    section.read("humidity", lens.humidity, 0, 1);
+    section.read("time_constant", lens.time_constant, 1e-3, 1e9);
+    section.read("transfer", lens.transfer, 0, 1);
+    section.read("half_clear", lens.half_clear, 1e-9, 1);
+    section.read("wipe", lens.wipe, 0, 1);
+    section.refuse_unknown();
+    return lens;
+}
+
+// Keys of a laparoscope that a body holds.
+void read_held_laparoscope(TomlSection& section, SceneFile& scene) {
+    Camera& camera = scene.camera;
+    section.read_direction("shaft", camera.shaft);
+    section.read_direction("up", camera.mark);
+    camera.optic = read_angle(section, "optic_deg", 0, 0, 80);
+    camera.optic_roll = read_angle(section, "optic_roll", 0, -1e300, 1e300);
+    camera.roll = read_angle(section, "roll", 0, -1e300, 1e300);
+    section.read("level", camera.level);
+    section.read("light", camera.light, 1e-3, 1e3);
+    section.read_table("fog", scene.lenses.lens, [&](TomlSection fog) { return std::vector<Lens>{read_fog(std::move(fog))}; });
+    if (!(camera.shaft.cross(camera.mark).norm() > 1e-6)) section.fail("up must not be along the shaft");
+    for (Lens& lens : scene.lenses.lens) lens.point = camera.position;
+}
+
+void read_camera(TomlSection section, SceneFile& scene) {
+    Camera& camera = scene.camera;
+    PictureParams& picture = scene.picture;
+    scene.camera_line = section.line();
     camera.position.setZero(), camera.distance = 0;  // 0: fitted to the scene
     section.read_enum<CameraKind>("kind", camera.kind, {{"orbit", CameraKind::kOrbit}, {"laparoscope", CameraKind::kLaparoscope}});
     section.read("target", camera.target);
@@ -47,10 +77,14 @@ Camera read_camera(TomlSection section, PictureParams& picture) {
     camera.elevation = read_angle(section, "elevation", 25, -90, 90);
     section.read("distance", camera.distance, 0, 1e9);
     camera.field_of_view = read_angle(section, "fov", 35, 1, 170);
+    section.read("lamp", camera.lamp, -1, 1);
+    section.read("follow", scene.camera_body);
+    const bool laparoscope = camera.kind == CameraKind::kLaparoscope;
+    if (!laparoscope && (camera.lamp != 0 || !scene.camera_body.empty())) section.fail("follow and lamp are for kind = \"laparoscope\"");
+    if (!scene.camera_body.empty()) read_held_laparoscope(section, scene);
     section.read("wireframe", picture.wireframe);
     section.read("depth_colors", picture.depth_colours);
     section.refuse_unknown();
-    return camera;
 }
 
 SceneFile read_scene(toml::table root, const std::filesystem::path& path, const std::vector<Override>& overrides) {
@@ -71,7 +105,7 @@ SceneFile read_scene(toml::table root, const std::filesystem::path& path, const 
     top.read("sleep_after", scene.settings.sleep_after, 0, 1e6);
     top.read_table("contact", scene.settings.contact, [&](TomlSection section) { return read_contact(section, scene.contact_rate); });
     const toml::table no_keys, *camera = top.table("camera");
-    scene.camera = read_camera({file, camera ? *camera : no_keys, "[camera]"}, scene.picture);
+    read_camera({file, camera ? *camera : no_keys, "[camera]"}, scene);
     top.read_list("node", scene.nodes, read_node);
     std::vector<BodySpec> bodies;
     top.read_list("body", bodies, read_body);

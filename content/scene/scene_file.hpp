@@ -12,6 +12,7 @@
 #include "components/haptic_effect.hpp"
 #include "components/haptic_surface.hpp"
 #include "components/paths.hpp"
+#include "components/lens.hpp"
 #include "components/picture.hpp"
 #include "components/scene.hpp"
 #include "components/tool.hpp"
@@ -144,6 +145,9 @@ struct SceneFile {
     std::vector<WoundSpec> wounds;
     uint32_t staples = 0;  // room for links created by the program while the scene runs
     Camera camera;
+    std::string camera_body;   // that holds it, or empty
+    uint32_t camera_line = 1;  // of [camera]
+    Lenses lenses;             // of the camera, without its body
     PictureParams picture;
 };
 

@@ -44,7 +44,7 @@ struct BodyBuffers {
 };
 
 // Options constant in a draw call; each combination is a separate program, see gl_shaders.hpp.
-constexpr uint32_t kTextured = 1, kDepthColours = 2, kScope = 4, kOutline = 8, kBurnt = 16, kWet = 32, kVariants = 64;
+constexpr uint32_t kTextured = 1, kDepthColours = 2, kScope = 4, kOutline = 8, kBurnt = 16, kWet = 32, kLamp = 64, kVariants = 128;
 uint32_t variant_of(bool textured, bool depth_colours, bool scope) {
     return (textured ? kTextured : 0) | (depth_colours ? kDepthColours : 0) | (scope ? kScope : 0);
 }
@@ -59,6 +59,7 @@ struct Program {
 struct Bound {
     uint32_t variant = kVariants;
     const Material* material = nullptr;
+    const Program* program = nullptr;
 };
 
 struct Target {
@@ -94,6 +95,7 @@ GLuint compile(GLenum kind, uint32_t variant, const char* text) {
                                               variant & kTextured ? "#define TEXTURED\n" : "",
                                               variant & kDepthColours ? "#define DEPTH_COLOURS\n" : "",
                                               variant & kScope ? "#define SCOPE\n" : "",
+                                              variant & kLamp ? "#define LAMP\n" : "",
                                               variant & kOutline ? "#define OUTLINE\n" : "",
                                               variant & kBurnt ? "#define BURNT\n" : "",
                                               variant & kWet ? "#define WET\n" : "",
@@ -601,6 +603,7 @@ void GlRenderer::Impl::set_material(const Program& p, const Material& material, 
 }
 
 const Program& GlRenderer::Impl::use_surface_program(uint32_t variant, const PictureParams& params, const View& view) {
+    if (view.light_at_eye && view.lamp != std::array<float, 3>{}) variant |= kLamp;
     Program& p = surface_programs[variant];
     if (!p.name) p = link(variant, shaders::kSurfaceVertex, shaders::kSurfaceFragment);
     const auto basis = [&](float x, float y, float z) {
@@ -622,6 +625,7 @@ const Program& GlRenderer::Impl::use_surface_program(uint32_t variant, const Pic
     glUniform3fv(p.at("ray_x"), 1, step_x.data());
     glUniform3fv(p.at("ray_y"), 1, step_y.data());
     glUniform1f(p.at("light_distance"), view.light_distance);
+    if (variant & kLamp) glUniform3fv(p.at("lamp_at"), 1, view.lamp.data());
     glUniform1f(p.at("inv_depth_scale"), static_cast<float>(1.0 / std::max(params.depth_scale, 1e-12)));
     glUniform1i(p.at("image"), 0);
     glUniform1i(p.at("palette"), 1);
@@ -705,10 +709,9 @@ void GlRenderer::Impl::draw_body(const PictureParams& params, const View& view, 
         const bool wet = from.liquid.count > 0 && !params.depth_colours;
         const uint32_t variant = variant_of(image != 0, params.depth_colours, view.light_at_eye) | (burnt ? kBurnt : 0) | (wet ? kWet : 0);
         if (bound.variant != variant) {
-            bound = {variant, nullptr};
-            use_surface_program(variant, params, view);
+            bound = {variant, nullptr, &use_surface_program(variant, params, view)};
         }
-        const Program& p = surface_programs[variant];
+        const Program& p = *bound.program;
         if (bound.material != &material) {
             bound.material = &material;
             set_material(p, material, image);
@@ -725,7 +728,7 @@ void GlRenderer::Impl::draw_surfaces(const PictureParams& params, const View& vi
     Bound bound;
     for (uint32_t row = 0; row < snapshot.body.size(); ++row) {
         const PictureBody& from = snapshot.body[row];
-        if (from.mesh == kNone) continue;
+        if (from.mesh == kNone || row == view.hidden) continue;
         // the far side of a closed, outward body is never visible
         if (is_closed(meshes.info[from.mesh]))
             glEnable(GL_CULL_FACE);
@@ -749,7 +752,7 @@ void GlRenderer::Impl::draw_see_through(const PictureParams& params, const View&
     far_to_near.clear();
     for (uint32_t row = 0; row < snapshot.body.size(); ++row) {
         const PictureBody& from = snapshot.body[row];
-        if (from.mesh == kNone || !shows_through(from.mesh)) continue;
+        if (from.mesh == kNone || row == view.hidden || !shows_through(from.mesh)) continue;
         const Vec3d middle = from.origin + rotate(from.orientation, 0.5 * (from.box.min + from.box.max));
         const double distance = (middle - view.eye).norm();
         far_to_near.emplace_back(std::isfinite(distance) ? -distance : 0.0, row);
@@ -781,7 +784,7 @@ void GlRenderer::Impl::draw_wires(const PictureParams& params, const View& view,
     glUniform1f(p.at("pull"), view.view_projection[14] * (1.0f / 0.999f - 1.0f));
     for (uint32_t row = 0; row < snapshot.body.size(); ++row) {
         const PictureBody& from = snapshot.body[row];
-        if (from.mesh == kNone) continue;
+        if (from.mesh == kNone || row == view.hidden) continue;
         const RenderMesh& mesh = static_mesh(from.mesh, body[row].rigid).mesh;
         const RenderGroup line = body[row].damaged
                                      ? body[row].patched_lines

@@ -25,6 +25,8 @@ struct View {
     float near_plane = 0, far_plane = 0;            // m
     bool light_at_eye = false;                      // laparoscope: one light beside the lens, quadratic fall-off, round mask
     float light_distance = 0.1f;                    // m, where the light at the eye has its nominal brightness
+    std::array<float, 3> lamp{};                    // m, world axes, from the eye: that light
+    uint32_t hidden = kNone;                        // body that is not drawn: the one that holds the camera
 };
 
 // Floor: a disc that fades into the background.

@@ -2,7 +2,7 @@
 namespace trocar::shaders {
 
 // The software renderer executes both sides of a branch, so every choice constant in a draw call is a macro:
-// TEXTURED, DEPTH_COLOURS, SCOPE (laparoscope), OUTLINE (only surfaces seen edge-on). This precedes every
+// TEXTURED, DEPTH_COLOURS, SCOPE (laparoscope), LAMP (its light is beside the lens), OUTLINE (only surfaces seen edge-on). This precedes every
 // shader.
 inline constexpr const char* kVersion = "#version 330 core\n";
 
@@ -112,7 +112,20 @@ vec3 highlight(vec3 n, vec3 to_light, vec3 to_eye) {
     return (specular + (1.0 - specular) * fresnel) * (size * exp2(1.442695 * shine * (dot(n, h) - 1.0)));
 }
 
-#ifdef SCOPE
+#ifdef LAMP
+uniform vec3 lamp_at;  // relative to the eye
+// The same spot light from beside the lens.
+vec3 light(vec3 n, vec3 to_eye, float distance2, vec3 base) {
+    vec3 to_lamp = lamp_at + to_eye * sqrt(distance2);
+    float lamp2 = max(dot(to_lamp, to_lamp), 1e-12);
+    to_lamp *= inversesqrt(lamp2);
+    float falloff = min(light_distance * light_distance / lamp2, 2.2);
+    float cone = smoothstep(0.55, 0.98, dot(forward, -to_lamp));
+    float facing = max(dot(n, to_lamp), 0.0);
+    vec3 lamp = vec3(1.0, 0.97, 0.92) * (falloff * (0.25 + 0.75 * cone));
+    return base * (lamp * (0.08 + 0.92 * facing) + vec3(0.012)) + lamp * highlight(n, to_lamp, to_eye);
+}
+#elif defined(SCOPE)
 vec3 light(vec3 n, vec3 to_eye, float distance2, vec3 base) {
     float falloff = min(light_distance * light_distance / distance2, 2.2);
     float cone = smoothstep(0.55, 0.98, dot(forward, -to_eye));

@@ -11,7 +11,8 @@
 namespace trocar {
 namespace {
 
-constexpr double kBoiling = 100;  // degrees Celsius
+constexpr double kBoiling = 100;          // degrees Celsius
+constexpr double kVaporisation = 2.257e6;  // J/kg, of water
 // Below, tissue repairs what heat does (the break of thermal doses: Sapareto, Dewey, Int. J. Radiat. Oncol. 10, 1984).
 constexpr double kRepair = 43;           // degrees Celsius
 constexpr double kGas = 8.314462618;     // J/(mol K)
@@ -51,7 +52,7 @@ void add_triangle(const Triangle& t, const std::array<Vec3d, 3>& x, double condu
     }
 }
 
-HeatSums sum_body(const HeatTissue& tissue, double wall, uint32_t prototype, const Meshes& meshes, const Solids& solids) {
+HeatSums sum_body(double conductivity, double wall, uint32_t prototype, const Meshes& meshes, const Solids& solids) {
     HeatSums sums;
     const uint32_t nodes = count_nodes(meshes, solids, prototype);
     sums.volume.assign(nodes, 0.0), sums.area.assign(nodes, 0.0);
@@ -73,15 +74,47 @@ HeatSums sum_body(const HeatTissue& tissue, double wall, uint32_t prototype, con
             for (const double w : weight) inside += std::max(0.0, w);
             for (int c = 0; c < 4; ++c) sums.area[node[c]] += third * std::max(0.0, weight[c]) / inside;
         }
-        if (!solid) add_triangle(t, x, tissue.conductivity, wall, sums);
+        if (!solid) add_triangle(t, x, conductivity, wall, sums);
     }
     for (uint32_t i = 0; solid && i < solids.info[prototype].count; ++i) {
         std::array<uint32_t, 4> node;
         std::array<Vec3d, 4> x;
         for (int c = 0; c < 4; ++c) node[c] = solids.corner[c][solids.info[prototype].tetrahedra.first + i], x[c] = place(node[c]);
-        add_tetrahedron(node, x, tissue.conductivity, sums);
+        add_tetrahedron(node, x, conductivity, sums);
     }
     return sums;
+}
+
+}  // namespace
+
+namespace {
+
+void put_sums(const HeatSums& sums, HeatBody& heat, Actions& actions) {
+    std::copy(sums.volume.begin(), sums.volume.end(), actions.heat_volume.begin() + heat.nodes.first);
+    std::copy(sums.area.begin(), sums.area.end(), actions.heat_area.begin() + heat.nodes.first);
+    std::vector<double> leaves(sums.volume.size(), 0.0);  // W/K
+    std::fill_n(actions.heat_edge.begin() + heat.edges.first, heat.edges.count, HeatEdge{});
+    HeatEdge* edge = actions.heat_edge.data() + heat.edges.first;
+    for (const auto& [pair, conductance] : sums.conductance) {
+        *edge++ = {pair[0], pair[1], conductance};
+        leaves[pair[0]] += std::abs(conductance), leaves[pair[1]] += std::abs(conductance);
+    }
+    // explicit Euler with rates of at most 2 leaves / capacity + perfusion / per_volume (Gershgorin) is stable below 2 / rate, and
+    // keeps a hot node from undershooting its neighbours at half of that
+    heat.stable_dt = std::numeric_limits<double>::infinity();
+    for (uint32_t v = 0; v < sums.volume.size(); ++v) {
+        const double rate = leaves[v] + sums.volume[v] * heat.perfusion;
+        if (rate > 0 && sums.volume[v] > 0) heat.stable_dt = std::min(heat.stable_dt, 0.5 * sums.volume[v] * heat.per_volume / rate);
+    }
+}
+
+// The columns of a body's springs, reserved ones as well, as a range of their factors.
+Range columns_of(const HeatBody& heat, const Bodies& bodies, const Springs& springs, const Actions& actions) {
+    const uint32_t prototype = bodies.mesh[heat.body];
+    const SpringInfo& info = springs.info[prototype];
+    const uint32_t* column = springs.slice_column.data() + info.slices.first + prototype;
+    const uint32_t columns = heat.cut == kNone ? column[info.slices.count] - column[0] : actions.cut_body[heat.cut].columns;
+    return {column[0] * kSliceWidth, columns * kSliceWidth};
 }
 
 }  // namespace
@@ -90,32 +123,24 @@ double damage_rate_at(const HeatBody& body, double celsius) {
     return body.damage_rate * std::exp(-body.damage_energy / (kGas * (celsius + kZeroCelsius)));
 }
 
-void add_heat_body(const HeatTissue& tissue, double density, double wall, uint32_t body, const Bodies& bodies, const Meshes& meshes,
-                   const Solids& solids, Actions& actions, HeatState& state) {
-    const HeatSums sums = sum_body(tissue, wall, bodies.mesh[body], meshes, solids);
+void add_heat_body(const HeatTissue& tissue, double density, double wall, uint32_t body, uint32_t cut, const Bodies& bodies,
+                   const Meshes& meshes, const Solids& solids, Actions& actions, HeatState& state) {
+    const HeatSums sums = sum_body(tissue.conductivity, wall, bodies.mesh[body], meshes, solids);
     HeatBody heat;
-    heat.body = body;
-    heat.nodes = {static_cast<uint32_t>(actions.heat_volume.size()), static_cast<uint32_t>(sums.volume.size())};
-    heat.edges = {static_cast<uint32_t>(actions.heat_edge.size()), static_cast<uint32_t>(sums.conductance.size())};
+    heat.body = body, heat.cut = cut;
+    heat.conductivity = tissue.conductivity, heat.wall = wall;
+    heat.stiffening = tissue.stiffening, heat.boil = tissue.water * density * kVaporisation, heat.parts = tissue.parts;
+    const size_t nodes = cut == kNone ? sums.volume.size() : actions.cut_body[cut].vertices.count;
+    const size_t edges = cut == kNone ? sums.conductance.size() : actions.cut_body[cut].edges;
+    heat.nodes = {static_cast<uint32_t>(actions.heat_volume.size()), static_cast<uint32_t>(nodes)};
+    heat.edges = {static_cast<uint32_t>(actions.heat_edge.size()), static_cast<uint32_t>(edges)};
     heat.per_volume = density * tissue.specific_heat;
     heat.perfusion = tissue.perfusion, heat.metabolism = tissue.metabolism;
     heat.damage_rate = tissue.damage_rate, heat.damage_energy = tissue.damage_energy;
-    actions.heat_volume.insert(actions.heat_volume.end(), sums.volume.begin(), sums.volume.end());
-    actions.heat_area.insert(actions.heat_area.end(), sums.area.begin(), sums.area.end());
-    std::vector<double> leaves(sums.volume.size(), 0.0);  // W/K
-    for (const auto& [pair, conductance] : sums.conductance) {
-        actions.heat_edge.push_back({pair[0], pair[1], conductance});
-        leaves[pair[0]] += std::abs(conductance), leaves[pair[1]] += std::abs(conductance);
-    }
-    // explicit Euler with rates of at most 2 leaves / capacity + perfusion / per_volume (Gershgorin) is stable below 2 / rate, and
-    // keeps a hot node from undershooting its neighbours at half of that
-    heat.stable_dt = std::numeric_limits<double>::infinity();
-    for (uint32_t v = 0; v < heat.nodes.count; ++v) {
-        const double rate = leaves[v] + sums.volume[v] * heat.perfusion;
-        if (rate > 0 && sums.volume[v] > 0) heat.stable_dt = std::min(heat.stable_dt, 0.5 * sums.volume[v] * heat.per_volume / rate);
-    }
-    actions.heat_body.push_back(heat);
     const size_t end = heat.nodes.end();
+    actions.heat_volume.resize(end, 0.0), actions.heat_area.resize(end, 0.0), actions.heat_edge.resize(heat.edges.end());
+    put_sums(sums, heat, actions);
+    actions.heat_body.push_back(heat);
     state.rise.resize(end, heat.perfusion > 0 ? heat.metabolism / heat.perfusion : 0.0);
     state.damage.resize(end, 0.0), state.steam.resize(end, 0.0);
 }
@@ -142,6 +167,80 @@ void step_heat(const Actions& actions, const HeatBody& body, double seconds, std
             if (body.blood + rise[v] > kRepair) state.damage[body.nodes.first + v] += dt * damage_rate_at(body, body.blood + rise[v]);
         }
     }
+}
+
+void lay_heat(const HeatBody& body, const Bodies& bodies, const Meshes& meshes, const Solids& solids, Actions& actions) {
+    const uint32_t row = static_cast<uint32_t>(&body - actions.heat_body.data());
+    std::fill_n(actions.heat_volume.begin() + body.nodes.first, body.nodes.count, 0.0);
+    std::fill_n(actions.heat_area.begin() + body.nodes.first, body.nodes.count, 0.0);
+    put_sums(sum_body(body.conductivity, body.wall, bodies.mesh[body.body], meshes, solids), actions.heat_body[row], actions);
+}
+
+void restore_heat(const Bodies& bodies, const Meshes& meshes, const Solids& solids, Actions& actions) {
+    for (const HeatBody& body : actions.heat_body)
+        if (body.cut != kNone) lay_heat(body, bodies, meshes, solids, actions);
+}
+
+void let_stiffen(HeatBody& body, Springs& springs, Solids& solids, Bodies& bodies, Actions& actions) {
+    const uint32_t prototype = bodies.mesh[body.body];
+    SpringInfo& info = springs.info[prototype];
+    const Range columns = columns_of(body, bodies, springs, actions);
+    springs.factor.resize(std::max<size_t>(springs.factor.size(), columns.end()), 1.0f);
+    info.varied = 1, info.packed = kNone;
+    body.springs = {static_cast<uint32_t>(actions.heat_spring.size()), columns.count};
+    actions.heat_spring.resize(body.springs.end());
+    if (prototype < solids.info.size() && solids.info[prototype].count > 0) {
+        SolidInfo& solid = solids.info[prototype];
+        solids.factor.resize(std::max<size_t>(solids.factor.size(), solid.tetrahedra.end()), 1.0f);
+        solid.varied = 1;
+        body.tetrahedra = {static_cast<uint32_t>(actions.heat_tetrahedron.size()), solid.count};
+        const auto from = solids.factor.begin() + solid.tetrahedra.first;
+        actions.heat_tetrahedron.insert(actions.heat_tetrahedron.end(), from, from + solid.count);
+    }
+    note_factors(body, bodies, springs, actions);
+    bodies.stable_dt[body.body] /= std::sqrt(std::max(1.0, body.stiffening));
+}
+
+void note_factors(const HeatBody& body, const Bodies& bodies, const Springs& springs, Actions& actions) {
+    if (body.springs.count == 0) return;
+    const Range columns = columns_of(body, bodies, springs, actions);
+    std::copy_n(springs.factor.begin() + columns.first, columns.count, actions.heat_spring.begin() + body.springs.first);
+}
+
+double stiffening_of(const HeatBody& body, double damage) { return 1 - (body.stiffening - 1) * std::expm1(-damage); }
+
+bool stiffen(const HeatBody& body, const Bodies& bodies, const Actions& actions, const HeatState& state, bool only_ask, Springs& springs,
+             Solids& solids) {
+    if (body.springs.count == 0) return false;
+    const uint32_t prototype = bodies.mesh[body.body], first = columns_of(body, bodies, springs, actions).first;
+    const SpringInfo& info = springs.info[prototype];
+    const uint32_t* column = springs.slice_column.data() + info.slices.first + prototype;
+    std::vector<double> node(body.nodes.count);
+    for (uint32_t v = 0; v < body.nodes.count; ++v) node[v] = stiffening_of(body, state.damage[body.nodes.first + v]);
+    bool changed = false;
+    const auto put = [&](double value, float& factor) {
+        const float now = static_cast<float>(value);
+        changed = changed || now != factor;
+        if (!only_ask) factor = now;
+    };
+    for (uint32_t slice = 0; slice < info.slices.count; ++slice)
+        for (size_t h = size_t{column[slice]} * kSliceWidth; h < size_t{column[slice + 1]} * kSliceWidth; ++h) {
+            const uint32_t from = slice * kSliceWidth + static_cast<uint32_t>(h % kSliceWidth), to = springs.neighbour[h];
+            if (from == to) continue;
+            put(0.5 * (node[from] + node[to]) * double{actions.heat_spring[body.springs.first + h - first]}, springs.factor[h]);
+        }
+    for (uint32_t t = 0; t < body.tetrahedra.count; ++t) {
+        const size_t at = size_t{solids.info[prototype].tetrahedra.first} + t;
+        double sum = 0;
+        for (const auto& corner : solids.corner) sum += 0.25 * node[corner[at]];
+        put(sum * double{actions.heat_tetrahedron[body.tetrahedra.first + t]}, solids.factor[at]);
+    }
+    return changed;
+}
+
+bool has_boiled_away(const HeatBody& body, const Actions& actions, const HeatState& state, uint32_t node) {
+    const double volume = actions.heat_volume[body.nodes.first + node];
+    return volume > 0 && state.steam[body.nodes.first + node] >= body.boil * volume;
 }
 
 }  // namespace trocar

@@ -1,5 +1,6 @@
 #include "engine/world/capture_record.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <sstream>
@@ -42,20 +43,46 @@ auto numbers_of(AnyCamera& c) {
     return std::array{&c.target.x(), &c.target.y(),   &c.target.z(),   &c.azimuth,      &c.elevation,
                       &c.distance,   &c.position.x(), &c.position.y(), &c.position.z(), &c.field_of_view};
 }
-void add_value(CaptureRecord& record, const std::string& name, const Camera& camera) {
-    std::vector<double> numbers{static_cast<double>(camera.kind)};
-    for (const double* number : numbers_of(camera)) numbers.push_back(*number);
+// Those of a laparoscope, in an array of its own that other cameras do not have.
+template <typename AnyCamera>
+auto optics_of(AnyCamera& c) {
+    return std::array{&c.lamp,     &c.shaft.x(), &c.shaft.y(), &c.shaft.z(),  &c.mark.x(), &c.mark.y(),
+                      &c.mark.z(), &c.optic,     &c.optic_roll, &c.roll, &c.light};
+}
+void add_numbers(CaptureRecord& record, const std::string& name, const std::vector<double>& numbers) {
     add_value(record, name, numbers);
     record.arrays.back().rows = 1, record.arrays.back().columns = static_cast<uint32_t>(numbers.size());
 }
+void add_value(CaptureRecord& record, const std::string& name, const Camera& camera) {
+    std::vector<double> numbers{static_cast<double>(camera.kind)};
+    for (const double* number : numbers_of(camera)) numbers.push_back(*number);
+    add_numbers(record, name, numbers);
+    if (camera.kind != CameraKind::kLaparoscope) return;
+    std::vector<double> optics{static_cast<double>(camera.body), camera.level ? 1.0 : 0.0};
+    for (const double* number : optics_of(camera)) optics.push_back(*number);
+    add_numbers(record, name + " optics", optics);
+}
+// The numbers of an array of one row.
+std::vector<double> row_of(const CaptureRecord& record, const std::string& name, size_t columns) {
+    const CaptureArray& a = find_array(record, name, ArrayType::kF64, static_cast<uint32_t>(columns));
+    if (a.rows != 1) throw InputError("record header: " + name + " is not one");
+    std::vector<double> numbers(columns);
+    std::memcpy(numbers.data(), a.bytes.data(), columns * sizeof(double));
+    return numbers;
+}
 void read_value(const CaptureRecord& record, const std::string& name, Camera& camera) {
     const auto numbers = numbers_of(camera);
-    const CaptureArray& a = find_array(record, name, ArrayType::kF64, 1 + static_cast<uint32_t>(numbers.size()));
-    if (a.rows != 1) throw InputError("record header: camera is not one");
-    double kind = 0;
-    std::memcpy(&kind, a.bytes.data(), sizeof kind);
-    camera.kind = kind == 1 ? CameraKind::kLaparoscope : CameraKind::kOrbit;
-    for (size_t k = 0; k < numbers.size(); ++k) std::memcpy(numbers[k], a.bytes.data() + (1 + k) * sizeof(double), sizeof(double));
+    const std::vector<double> stored = row_of(record, name, 1 + numbers.size());
+    camera.kind = stored[0] == 1 ? CameraKind::kLaparoscope : CameraKind::kOrbit;
+    for (size_t k = 0; k < numbers.size(); ++k) *numbers[k] = stored[1 + k];
+    const bool has_optics = std::any_of(record.arrays.begin(), record.arrays.end(), [&](const auto& a) { return a.name == name + " optics"; });
+    if (!has_optics) return;
+    const auto optics = optics_of(camera);
+    const std::vector<double> more = row_of(record, name + " optics", 2 + optics.size());
+    // whatever is no index of a body of the picture is none: see placed_camera
+    camera.body = more[0] >= 0 && more[0] < static_cast<double>(kNone) ? static_cast<uint32_t>(more[0]) : kNone;
+    camera.level = more[1] != 0;
+    for (size_t k = 0; k < optics.size(); ++k) *optics[k] = more[2 + k];
 }
 
 template <typename T>

@@ -409,6 +409,7 @@ uint64_t state_hash(const World& world) {
         if (resource_kind(static_cast<Resource>(r)) != ResourceKind::kState) continue;
         // where no instrument acts there is nothing to hash, not even the lengths of empty arrays
         if (static_cast<Resource>(r) == Resource::kActionState && world.actions.action.empty()) continue;
+        if (static_cast<Resource>(r) == Resource::kLenses && world.lenses.lens.empty()) continue;
         if (static_cast<Resource>(r) == Resource::kSelfContacts && world.self_contacts.body.empty()) continue;  // nothing touches itself
         if (static_cast<Resource>(r) == Resource::kFluidState && world.fluids.body.empty()) continue;           // nothing is wet
         visit_resource(world, static_cast<Resource>(r), hasher);

@@ -12,6 +12,7 @@
 #include "components/fast_bodies.hpp"
 #include "components/fluid.hpp"
 #include "components/haptics.hpp"
+#include "components/lens.hpp"
 #include "components/links.hpp"
 #include "components/mesh.hpp"
 #include "components/nodes.hpp"
@@ -64,6 +65,7 @@ struct World {
     NodeState node_state;
     ActionState action_state;
     FluidState fluid_state;
+    Lenses lenses;
     // known only to a live run and its replay, which restore them
     std::vector<DeviceState> live_devices;  // per tool, where the pass before led to; empty: there was none
     EnergyStart energy_start;
@@ -164,6 +166,7 @@ struct CaptureRecord;
     R(kPassedSurfaces, passed_surfaces, "passed surfaces", kAccounts)            \
     R(kActions, actions, "actions", kConstant)                                   \
     R(kActionState, action_state, "action state", kState)                        \
+    R(kLenses, lenses, "lenses", kState)                                         \
     R(kSelfContacts, self_contacts, "self-contacts", kState)                     \
     R(kSelfContactStart, self_contact_start, "self-contact start", kDerived)     \
     R(kFluids, fluids, "fluids", kConstant)                                      \

@@ -12,6 +12,7 @@
 #include "systems/haptics/frame_ticks.hpp"
 #include "systems/haptics/input.hpp"
 #include "systems/output/picture_snapshot.hpp"
+#include "systems/prepare/lens_fog.hpp"
 #include "systems/prepare/node_switching.hpp"
 #include "systems/prepare/rigid_motion.hpp"
 #include "systems/prepare/spawning.hpp"
@@ -36,14 +37,14 @@ void bodies_come_and_go(World& w, FrameState& f) {
     spawning({w.clock.tick, f.options.account_energy, w.pools, w.meshes, w.solids, w.springs, w.bodies, w.anchors, w.settings.gravity},
              f.scratch.spawning, {w.spawning, w.poses, w.particles, w.sleep, w.energy});
 }
-void actions(World& w, FrameState& f) {
-    const ActionPass pass{pass_seconds(w), {surfaces_of(w), w.solids, w.trees},
-                          w.haptics.tool,  w.haptics.jaw,
-                          w.haptics.state, w.actions,
-                          &w.spawning,     &w.node_state,
-                          &w.nodes,        period_seconds(w)};
-    act(pass, f.scratch.links, w.action_state, w.links, w.sleep, w.energy);
-    if (!w.actions.heat_body.empty()) heat_with_tools(pass, w.action_state);
+ActionPass action_pass(const World& w) {
+    return {pass_seconds(w), {surfaces_of(w), w.solids, w.trees}, w.haptics.tool, w.haptics.jaw, w.haptics.state,
+            w.actions,       &w.spawning,                         &w.node_state,  &w.nodes,       period_seconds(w)};
+}
+void actions(World& w, FrameState& f) { act(action_pass(w), f.scratch.links, w.action_state, w.links, w.sleep, w.energy); }
+void heat(World& w, FrameState&) {
+    heat_with_tools(action_pass(w), w.action_state, {w.anchors, w.settings.gravity, w.springs, w.solids, w.tears, w.torn, w.torn_springs, w.sleep,
+                                                       w.energy});
 }
 void link(World& w, FrameState& f) {
     link_bodies(pass_seconds(w), w.haptics.state, {surfaces_of(w), w.solids, w.trees}, f.scratch.links, w.links, w.sleep, w.energy,
@@ -51,7 +52,9 @@ void link(World& w, FrameState& f) {
 }
 void tear(World& w, FrameState&) {
     const TearPass pass{pass_seconds(w), w.settings.gravity, w.springs, w.solids, w.bodies, w.poses, w.anchors};
-    cut_bodies(pass, w.particles, w.meshes, w.trees, w.tears, w.sleep, {w.torn, w.torn_springs, w.energy, w.report});
+    const TearState state{w.torn, w.torn_springs, w.energy, w.report};
+    if (!w.actions.heat_body.empty()) part_what_boiled(pass, w.actions, w.action_state.heat, w.particles, w.meshes, w.tears, state);
+    cut_bodies(pass, w.particles, w.meshes, w.trees, w.tears, w.sleep, state);
 }
 void torn_springs(World& w, FrameState&) { copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs); }
 
@@ -59,6 +62,8 @@ void tool_cuts(World& w, FrameState&) {
     cut_with_tools({w.bodies, w.actions, w.haptics.tool, w.settings.gravity, period_seconds(w), !w.links.group.empty(), w.poses,
                     w.particles, w.meshes, w.springs, w.solids, w.anchors, w.trees, w.haptics.state, w.action_state, w.sleep, w.energy});
 }
+
+void lens_fog(World& w, FrameState&) { fog_lenses(period_seconds(w), {surfaces_of(w), w.solids, w.trees}, w.spawning, w.node_state, w.lenses.lens); }
 
 ContactInputs contact_inputs(const World& w) {
     const double period = period_seconds(w);
@@ -262,7 +267,8 @@ void picture(World& w, FrameState& f) {
                             &w.solids,
                             &w.fluids,
                             &w.fluid_state,
-                            &f.scratch.picture_liquid},
+                            &f.scratch.picture_liquid,
+                            w.lenses.lens.empty() ? 0.0 : fog_of(w.lenses.lens[0])},
                            w.picture, sleeping_bodies(f, kSeenByPicture));
 }
 }  // namespace stages
@@ -296,7 +302,9 @@ bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
 
 bool any_link(const World& w) { return !w.links.group.empty(); }
 bool any_action(const World& w) { return !w.actions.action.empty(); }
+bool any_heat(const World& w) { return !w.actions.heat_body.empty(); }
 bool any_tool_cut(const World& w) { return !w.actions.cut_body.empty() || !w.actions.cut_solid.empty(); }
+bool any_lens(const World& w) { return !w.lenses.lens.empty(); }
 bool any_fluid(const World& w) { return !w.fluids.body.empty(); }
 bool any_tear(const World& w) { return !w.tears.body.empty(); }
 bool any_jaw_or_link(const World& w) { return any_pair(w) && (any_link(w) || !w.haptics.jaw.empty()); }
@@ -326,14 +334,18 @@ constexpr FrameStage kStages[] = {
         mask(R::kPoses, R::kParticles, R::kSleep, R::kSpawning, R::kEnergy)}, any_pool},
     {S::kActions,         P::kInput,    {"actions",         run<stages::actions>,           kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kTools, R::kToolState, R::kActions, R::kSpawning, R::kNodes, R::kNodeState),
         mask(R::kActionState, R::kLinks, R::kSleep, R::kEnergy)}, any_action},
+    {S::kHeat,            P::kInput,    {"heat",            run<stages::heat>,              kShapes | mask(R::kSettings, R::kClock, R::kTrees, R::kTools, R::kToolState, R::kActions, R::kAnchors, R::kSpawning, R::kNodes, R::kNodeState, R::kTears, R::kTorn),
+        mask(R::kActionState, R::kSprings, R::kSolids, R::kTornSprings, R::kSleep, R::kEnergy)}, any_heat},
     {S::kLinks,           P::kInput,    {"links",           run<stages::link>,              kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),
         mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
-    {S::kTears,           P::kInput,    {"tears",           run<stages::tear>,              mask(R::kSettings, R::kClock, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors),
+    {S::kTears,           P::kInput,    {"tears",           run<stages::tear>,              mask(R::kSettings, R::kClock, R::kActions, R::kActionState, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors),
         mask(R::kParticles, R::kMeshes, R::kTrees, R::kTears, R::kTorn, R::kTornSprings, R::kSleep, R::kEnergy, R::kReport)}, any_tear},
     {S::kTornSprings,     P::kInput,    {"torn springs",    run<stages::torn_springs>,      mask(R::kSprings, R::kSolids, R::kBodies, R::kTears, R::kTorn),
         mask(R::kTornSprings)}, any_tear},
-    {S::kToolCuts,        P::kInput,    {"tool cuts",       run<stages::tool_cuts>,         mask(R::kSettings, R::kClock, R::kBodies, R::kActions, R::kTools, R::kLinks),
-        mask(R::kPoses, R::kParticles, R::kMeshes, R::kSprings, R::kSolids, R::kAnchors, R::kTrees, R::kToolState, R::kActionState, R::kSleep, R::kEnergy)}, any_tool_cut},
+    {S::kToolCuts,        P::kInput,    {"tool cuts",       run<stages::tool_cuts>,         mask(R::kSettings, R::kClock, R::kBodies, R::kTools, R::kLinks),
+        mask(R::kActions, R::kPoses, R::kParticles, R::kMeshes, R::kSprings, R::kSolids, R::kAnchors, R::kTrees, R::kToolState, R::kActionState, R::kSleep, R::kEnergy)}, any_tool_cut},
+    {S::kLensFog,         P::kInput,    {"lens fog",        run<stages::lens_fog>,          kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kSpawning, R::kNodeState),
+        mask(R::kLenses)}, any_lens},
     {S::kBodyBoxes,       P::kDetection,{"body boxes",      run<stages::body_boxes>,        kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kSpawning, R::kNodeState, R::kSleep),
         mask(R::kBoxes, R::kReport)}, any_pair},
     {S::kFastBodies,      P::kDetection,{"fast bodies",     run<stages::fast_bodies>,       kShapes | mask(R::kSettings, R::kClock, R::kTools, R::kDevices, R::kNodeState),
@@ -432,7 +444,7 @@ constexpr FrameStage kStages[] = {
         mask(R::kSelfCrossings, R::kReport)}, any_deformable},
     {S::kEnergy,          P::kPicture,  {"energy",          run<stages::energy>,            mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kActions, R::kActionState),
         mask(R::kEnergy, R::kEnergyStart)}, any_energy},
-    {S::kPicture,         P::kPicture,  {"picture",         run<stages::picture>,           kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kSpawning, R::kNodeState, R::kLinks, R::kActions, R::kActionState, R::kSolids, R::kFluids, R::kFluidState),
+    {S::kPicture,         P::kPicture,  {"picture",         run<stages::picture>,           kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kSpawning, R::kNodeState, R::kLinks, R::kActions, R::kActionState, R::kSolids, R::kFluids, R::kFluidState, R::kLenses),
         mask(R::kPicture)}, any_body},
 };
 // clang-format on

@@ -115,7 +115,7 @@ void copy_tools(const Haptics& haptics, PictureSnapshot& out) {
     for (size_t index = 0; index < haptics.state.size(); ++index) {
         const ToolState& state = haptics.state[index];
         const Vec3d proxy = state.proxy_valid ? state.proxy : state.device.position;
-        out.tool.push_back({state.device.position, proxy, haptics.tool[index].tip_radius, state.output.force});
+        out.tool.push_back({state.device.position, proxy, haptics.tool[index].tip_radius, state.output.force, haptics.tool[index].body});
         out.force = std::max(out.force, state.output.force.norm());
     }
 }
@@ -271,6 +271,7 @@ void hide_absent(const PictureInputs& in, PictureSnapshot& out) {
 void write_picture_snapshot(const PictureInputs& inputs, PictureSnapshot& out, const SleepingBodies& sleeping_bodies) {
     out.number = inputs.number;
     out.time = inputs.time;
+    out.fog = inputs.fog;
     copy_bodies(inputs.surfaces, inputs.normals, sleeping_bodies, out);
     copy_depths(inputs.surfaces, inputs.contacts, out);
     copy_witnesses(inputs.contacts, inputs.penetrations, out);

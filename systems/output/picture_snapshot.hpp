@@ -49,6 +49,7 @@ struct PictureInputs {
     const Fluids* fluids = nullptr;             // wet bodies; or null
     const FluidState* fluid_state = nullptr;    // with it
     PictureLiquidScratch* liquid = nullptr;     // with it
+    double fog = 0;                             // of the lens: see PictureSnapshot
 };
 
 // Copies what a picture shows into `out`, whose capacity is reused. A vertex gets the deepest of its

@@ -209,6 +209,7 @@ void place_markers(const PictureParams& params, const Camera& camera, const Pict
         markers.push_back({Marker::Kind::kRod, r.from, r.to, r.radius, {r.colour[0], r.colour[1], r.colour[2], 1.0f}});
     if (!params.tools) return;
     for (const PictureTool& tool : snapshot.tool) {
+        if (camera.body != kNone && tool.body == camera.body) continue;  // they would be before the lens
         const double radius = std::max(tool.radius, 0.005 * height_at(tool.proxy));
         // without contact both coincide with the visible tip
         if (!((tool.device - tool.proxy).norm() > 0.02 * radius)) continue;
@@ -315,6 +316,25 @@ void keep_in_picture(const PictureSnapshot& snapshot, uint32_t width, uint32_t h
     }
 }
 
+Camera placed_camera(const Camera& camera, const PictureSnapshot& snapshot) {
+    if (camera.kind != CameraKind::kLaparoscope || camera.body >= snapshot.body.size()) return camera;
+    const PictureBody& body = snapshot.body[camera.body];
+    Camera placed = camera;
+    placed.position = body.origin + rotate(body.orientation, camera.position);
+    const Vec3d along = unit_or(rotate(body.orientation, camera.shaft), Vec3d::UnitZ());
+    // unit, perpendicular to the shaft, at an angle about it from what is up
+    const auto about_shaft = [&](const Vec3d& up, double angle) {
+        const Vec3d top = unit_or(up - up.dot(along) * along, perpendicular_to(along));
+        return Vec3d(std::cos(angle) * top + std::sin(angle) * along.cross(top));
+    };
+    const Vec3d mark = rotate(body.orientation, camera.mark);
+    const Vec3d view = std::cos(camera.optic) * along + std::sin(camera.optic) * about_shaft(mark, camera.optic_roll);
+    const Vec3d top = about_shaft(camera.level ? camera.up : mark, camera.roll);
+    placed.target = placed.position + std::max(camera.light, 1e-3) * view;
+    placed.up = unit_or(top - top.dot(view) * view, perpendicular_to(view));
+    return placed;
+}
+
 View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t height) {
     const CameraFrame frame = camera_frame(camera);
     View view;
@@ -325,6 +345,8 @@ View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t he
     view.sky = to_floats(unit_or(camera.up, Vec3d::UnitZ()));
     view.light_at_eye = camera.kind == CameraKind::kLaparoscope;
     view.light_distance = static_cast<float>(std::max((camera.target - frame.eye).norm(), 1e-3));
+    if (camera.lamp != 0) view.lamp = to_floats(camera.lamp * frame.up);
+    view.hidden = camera.body;
     double nearest = 1e-3, farthest = 1;
     if (holds_something(box)) {
         nearest = std::numeric_limits<double>::infinity();
@@ -353,8 +375,9 @@ View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t he
     return view;
 }
 
-void render_picture(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot, GlRenderer& renderer,
+void render_picture(const PictureParams& params, const Camera& held, const PictureSnapshot& snapshot, GlRenderer& renderer,
                     RenderScratch& scratch, Image& out) {
+    const Camera camera = placed_camera(held, snapshot);
     Box box = drawn_box(snapshot);
     place_ground(params, camera, snapshot, scratch.shadows, scratch.ground);
     place_markers(params, camera, snapshot, scratch.markers);
@@ -367,6 +390,7 @@ void render_picture(const PictureParams& params, const Camera& camera, const Pic
     view.liquid_up = snapshot.up;
     renderer.draw(params, view, snapshot, scratch.markers, scratch.ground, out);
     if (params.smooth_edges) smooth_edges(scratch.smooth, out);
+    if (camera.body != kNone && snapshot.fog > 0) fog_picture(snapshot.fog, scratch.fog, out);
     if (params.depth_colours) draw_legend(params, out);
     if (params.text) draw_status(snapshot, out);
 }

@@ -1,5 +1,6 @@
 #pragma once
 #include "components/picture.hpp"
+#include "engine/draw/fogged_picture.hpp"
 #include "engine/draw/gl_renderer.hpp"
 #include "engine/draw/smooth_edges.hpp"
 namespace trocar {
@@ -9,6 +10,7 @@ struct RenderScratch {
     std::vector<GroundShadow> shadows;
     Ground ground;
     SmoothEdgesScratch smooth;
+    FogScratch fog;
 };
 
 // Aims an orbit camera at the centre of a snapshot, keeps its direction, sets the distance and places the floor under it. Done once,
@@ -29,10 +31,15 @@ uint32_t legend_width(const PictureParams& params);
 // placed by hand. fit_camera does the same.
 void lay_floor(const PictureSnapshot& snapshot, Camera& camera);
 
+// Where a laparoscope that a body holds is in a snapshot, as one that stands there. Its view direction is turned by `optic` from
+// the shaft. Another camera, or one whose body the snapshot does not have, as it is.
+Camera placed_camera(const Camera& camera, const PictureSnapshot& snapshot);
+
 // View matrices of a camera. The near and far planes enclose the world box.
 View make_view(const Camera& camera, const Box& box, uint32_t width, uint32_t height);
 
-// Draws a snapshot as seen by the camera, with the markers, legend and text selected in params. One picture,
+// Draws a snapshot as seen by the camera, with the markers, legend and text selected in params. The body that holds it is not
+// drawn, and what fogs its lens is before everything but text. One picture,
 // sRGB, opaque, rows top to bottom; deterministic to the byte.
 void render_picture(const PictureParams& params, const Camera& camera, const PictureSnapshot& snapshot, GlRenderer& renderer,
                     RenderScratch& scratch, Image& out);

@@ -6,6 +6,7 @@
 #include "engine/mesh/mesh_topology.hpp"
 #include "engine/mesh/mesh_view.hpp"
 #include "engine/mesh/region.hpp"
+#include "engine/tissue/heat.hpp"
 #include "engine/tissue/links.hpp"
 #include "engine/tissue/solid_tears.hpp"
 namespace trocar {
@@ -237,6 +238,93 @@ void remove_tetrahedra(const TearPass& pass, const Particles& particles, const T
     state.energy.work_links -= drop_tetrahedra(pass.springs, pass.solids, pass.bodies, body, tetrahedron,
                                                positions_of_nodes(pass.solids, pass.bodies, particles, body), state.torn,
                                                state.torn_springs, state.report.broken_springs);
+}
+
+namespace {
+
+// Fans of the triangles around a vertex that are not taken; those that share an edge with it are of one fan. Takes all but the largest
+// one, of equal ones the one with the first triangle. Returns whether it took any.
+bool leave_one_fan(const Meshes& meshes, const MeshInfo& info, std::span<const uint32_t> around, std::vector<uint8_t>& taken) {
+    std::vector<uint32_t> left;
+    for (const uint32_t t : around)
+        if (!taken[t]) left.push_back(t);
+    std::vector<std::vector<uint32_t>> fans;
+    std::vector<uint8_t> seen(left.size(), 0);
+    for (size_t start = 0; start < left.size(); ++start) {
+        if (seen[start]) continue;
+        std::vector<uint32_t> fan{left[start]};
+        seen[start] = 1;
+        for (size_t at = 0; at < fan.size(); ++at)
+            for (const uint32_t next : meshes.neighbour[info.triangles.first + fan[at]])
+                for (size_t k = 0; k < left.size(); ++k)
+                    if (left[k] == next && !seen[k]) seen[k] = 1, fan.push_back(next);
+        fans.push_back(fan);
+    }
+    if (fans.size() < 2) return false;
+    const auto largest = std::max_element(fans.begin(), fans.end(), [](const auto& a, const auto& b) { return a.size() < b.size(); });
+    for (auto fan = fans.begin(); fan != fans.end(); ++fan)
+        if (fan != largest)
+            for (const uint32_t t : *fan) taken[t] = 1;
+    return true;
+}
+
+// Numbers at load of the present triangles of a shell that have boiled away, and of those that would hang by a vertex alone.
+std::vector<uint32_t> boiled_triangles(const Meshes& meshes, uint32_t prototype, const Tears& tears, uint32_t tear,
+                                       std::span<const uint8_t> boiled) {
+    const MeshInfo& info = meshes.info[prototype];
+    std::vector<uint8_t> taken(info.triangles.count, 0);
+    std::vector<uint32_t> vertex, number;
+    for (uint32_t t = 0; t < info.triangles.count; ++t) {
+        const Triangle& corner = meshes.triangle[info.triangles.first + t];
+        if (!boiled[corner[0]] || !boiled[corner[1]] || !boiled[corner[2]]) continue;
+        taken[t] = 1;
+        vertex.insert(vertex.end(), corner.begin(), corner.end());
+    }
+    for (size_t i = 0; i < vertex.size(); ++i) {
+        const uint32_t* first = meshes.incident_first.data() + info.vertices.first + prototype + vertex[i];
+        const auto around = std::span(meshes.incident).subspan(info.incident.first + first[0], first[1] - first[0]);
+        const std::vector<uint8_t> before = taken;
+        if (!leave_one_fan(meshes, info, around, taken)) continue;
+        for (const uint32_t t : around)
+            if (taken[t] && !before[t]) {
+                const Triangle& corner = meshes.triangle[info.triangles.first + t];
+                vertex.insert(vertex.end(), corner.begin(), corner.end());
+            }
+    }
+    for (uint32_t t = 0; t < info.triangles.count; ++t)
+        if (taken[t]) number.push_back(at_load(tears, tear, t));
+    return number;
+}
+
+}  // namespace
+
+void part_what_boiled(const TearPass& pass, const Actions& actions, const HeatState& heat, const Particles& particles,
+                      const Meshes& meshes, const Tears& tears, TearState state) {
+    for (const HeatBody& body : actions.heat_body) {
+        if (!body.parts) continue;
+        std::vector<uint8_t> boiled(body.nodes.count);
+        for (uint32_t v = 0; v < body.nodes.count; ++v) boiled[v] = has_boiled_away(body, actions, heat, v);
+        if (std::count(boiled.begin(), boiled.end(), uint8_t{1}) < 3) continue;
+        const auto of = std::find_if(tears.body.begin(), tears.body.end(), [&](const TearBody& t) { return t.body == body.body; });
+        if (of == tears.body.end()) continue;
+        const auto tear = static_cast<uint32_t>(of - tears.body.begin());
+        const uint32_t prototype = pass.bodies.mesh[body.body];
+        if (!tears_as_solid(*of)) {
+            std::vector<uint32_t> taken = boiled_triangles(meshes, prototype, tears, tear, boiled);
+            std::sort(taken.begin(), taken.end());
+            remove_triangles(tears, tear, taken, state.torn);
+            continue;
+        }
+        const SolidInfo& info = pass.solids.info[prototype];
+        std::vector<uint32_t> taken;
+        for (uint32_t t = 0; t < info.count; ++t) {
+            const auto is_boiled = [&](const auto& corner) { return boiled[corner[info.tetrahedra.first + t]] != 0; };
+            if (!state.torn.tetrahedron[info.tetrahedra.first + t] && std::ranges::all_of(pass.solids.corner, is_boiled)) taken.push_back(t);
+        }
+        if (taken.empty()) continue;
+        copy_torn_springs(pass.springs, pass.solids, pass.bodies, tears, state.torn, state.torn_springs);
+        remove_tetrahedra(pass, particles, tears, tear, taken, state);
+    }
 }
 
 void restore_torn_surfaces(const Solids& solids, const Bodies& bodies, const Particles& particles, const Torn& torn, Meshes& meshes,

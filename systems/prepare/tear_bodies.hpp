@@ -3,6 +3,7 @@
 #include <span>
 #include <vector>
 
+#include "components/actions.hpp"
 #include "components/bodies.hpp"
 #include "components/mesh.hpp"
 #include "components/particles.hpp"
@@ -41,6 +42,12 @@ struct TearState {
 // accounting. The last tetrahedron always stays.
 void remove_tetrahedra(const TearPass& pass, const Particles& particles, const Tears& tears, uint32_t tear,
                        std::span<const uint32_t> tetrahedron, TearState state);
+
+// Removes what cautery has boiled away, of bodies that part: triangles of a shell and tetrahedra of a solid all of whose nodes have
+// lost their water. Where triangles that stay would hang together by a vertex alone, so that its rim were not manifold, only the
+// largest fan of them stays. Before cut_bodies.
+void part_what_boiled(const TearPass& pass, const Actions& actions, const HeatState& heat, const Particles& particles,
+                      const Meshes& meshes, const Tears& tears, TearState state);
 
 // Makes the cuts that are due, then updates the surfaces of bodies that tear from `torn`, whatever they were
 // before: triangles, edges, neighbours, pieces, admission and tree of their prototypes, in their reserved

@@ -10,10 +10,6 @@
 namespace trocar {
 namespace {
 
-void wake_body(Sleep& sleep, uint32_t body) {
-    if (body < sleep.still.size()) sleep.still[body] = 0;
-}
-
 // Whether the trigger is pulled at the start of this pass. Of times, every second one ends what the one before began.
 bool is_pulled(const ActionPass& pass, const ToolAction& action, ActionProgress& progress) {
     const ToolState& hand = pass.states[action.tool];

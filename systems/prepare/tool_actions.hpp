@@ -32,6 +32,10 @@ struct ActionPass {
 // farther than the reach slip out. A grasp that finds nothing is a misfire.
 void act(const ActionPass& pass, LinkScratch& scratch, ActionState& state, Links& links, Sleep& sleep, Energy& energy);
 
+inline void wake_body(Sleep& sleep, uint32_t body) {
+    if (body < sleep.still.size()) sleep.still[body] = 0;
+}
+
 // The nearest point of a body's surface, at most `reach` (m) from a point of the world; distance infinite if there is
 // none. Rigid bodies by their trees, deformable ones by their present triangles.
 struct StapledSurface {

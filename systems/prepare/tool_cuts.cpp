@@ -6,6 +6,7 @@
 #include "engine/mesh/surface_cut.hpp"
 #include "engine/tissue/cut_setup.hpp"
 #include "engine/tissue/embedded_surface.hpp"
+#include "engine/tissue/heat.hpp"
 namespace trocar {
 namespace {
 
@@ -74,6 +75,39 @@ void place_new(const CutWorld& w, uint32_t body, uint32_t old, std::span<const C
         p.offset[to] = {between(p.offset[a].x, p.offset[b].x), between(p.offset[a].y, p.offset[b].y), between(p.offset[a].z, p.offset[b].z),
                         0.0f};
         for (auto* field : {&p.velocity_x, &p.velocity_y, &p.velocity_z}) (*field)[to] = between((*field)[a], (*field)[b]);
+    }
+}
+
+// A quantity per volume of new nodes, as between those that they were made from, times a common factor with which its sum over the
+// volumes stays. before, after: m^3, of all nodes.
+void share_by_volume(std::span<const double> before, std::span<const double> after, uint32_t old, std::span<const CutVertex> made,
+                     std::span<double> value) {
+    double taken = 0, given = 0;
+    for (size_t i = 0; i < made.size(); ++i) {
+        value[old + i] = value[made[i].a] + made[i].along * (value[made[i].b] - value[made[i].a]);
+        given += after[old + i] * value[old + i];
+    }
+    for (uint32_t v = 0; v < old; ++v) taken += (before[v] - after[v]) * value[v];
+    for (size_t i = 0; i < made.size() && given > 0 && taken > 0; ++i) value[old + i] *= taken / given;
+}
+
+// A body that is heated: its new nodes are as warm, and have been as hot, as between those that they were made from. Heat stays.
+void cut_heat(const CutWorld& w, uint32_t index, uint32_t old, std::span<const CutVertex> made) {
+    for (const HeatBody& heat : w.actions.heat_body) {
+        if (heat.cut != index) continue;
+        HeatState& state = w.state.heat;
+        const auto part = [&](std::vector<double>& of) { return std::span(of).subspan(heat.nodes.first, old + made.size()); };
+        const std::span<double> volume = part(w.actions.heat_volume), rise = part(state.rise), damage = part(state.damage), steam = part(state.steam);
+        const std::vector<double> before(volume.begin(), volume.end());
+        lay_heat(heat, w.bodies, w.meshes, w.solids, w.actions);
+        share_by_volume(before, volume, old, made, rise);
+        for (size_t i = 0; i < made.size(); ++i) damage[old + i] = damage[made[i].a] + made[i].along * (damage[made[i].b] - damage[made[i].a]);
+        for (uint32_t v = 0; v < old; ++v) steam[v] = before[v] > 0 ? steam[v] / before[v] : 0;  // J/m^3
+        share_by_volume(before, volume, old, made, steam);
+        for (size_t v = 0; v < steam.size(); ++v) steam[v] *= volume[v];
+        note_factors(heat, w.bodies, w.springs, w.actions);
+        Solids none;
+        stiffen(heat, w.bodies, w.actions, state, false, w.springs, none);
     }
 }
 
@@ -150,6 +184,7 @@ double cut_body(const CutWorld& w, uint32_t action, uint32_t index, EdgeSweep sw
     put_lists(index, action, work.mesh, w.state.cut);
     place_new(w, body, old, made);
     share_mass(w, body, before, made);
+    cut_heat(w, index, old, made);
     remake_tree(body, w.bodies, w.particles, w.meshes, w.trees);
     w.energy.work_links += energy_of_body(w, body) - energy;
     if (body < w.sleep.still.size()) w.sleep.still[body] = 0;
@@ -281,7 +316,7 @@ void cut_with_tools(const CutWorld& w) {
         if (action.kind != ActionKind::kCut) continue;
         if (!progress.on) {
             if (progress.swept) forget_front(i, w.state.cut);
-            progress.swept = progress.stroke = false, progress.owed = 0;
+            progress.swept = progress.stroke = false;
             continue;
         }
         const uint32_t tool = w.tools[action.tool].body;
@@ -298,7 +333,8 @@ void cut_with_tools(const CutWorld& w) {
             if (by == i) count(cut_body(w, i, index, sweep) * w.actions.cut_body[index].thickness);
         for (const auto& [by, index] : w.actions.solid_cuts)
             if (by == i) count(cut_solid(w, i, index, sweep));
-        force[action.tool] += resist(w, action, 0.5 * (sweep.a1 + sweep.b1 - sweep.a0 - sweep.b0), progress);
+        // what an earlier stroke ended without giving is given once this one cuts
+        if (progress.stroke) force[action.tool] += resist(w, action, 0.5 * (sweep.a1 + sweep.b1 - sweep.a0 - sweep.b0), progress);
     }
     note_places(w);
     for (size_t t = 0; t < w.states.size(); ++t) {

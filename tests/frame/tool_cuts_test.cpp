@@ -2,6 +2,8 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <fstream>
+#include <iterator>
 #include <set>
 
 #include "engine/mesh/mass_properties.hpp"
@@ -67,6 +69,25 @@ TEST(ToolCuts, ABladeMakesTwoOfASheet) {
     EXPECT_NEAR(after.mass, before.mass, 1e-6 * before.mass) << "floats";
     EXPECT_GT(felt, 0.1);
     EXPECT_LT(drift, 1e-3 * entered) << "of the hands' work";
+}
+
+// What a stroke ended without giving is given by the next one. Breaks when it is dropped.
+TEST(ToolCuts, ADebtIsNotForgotten) {
+    std::ifstream file(source_folder() / "content/scenes/cut_sheet.toml");
+    std::string text(std::istreambuf_iterator<char>(file), {});
+    text.replace(text.find("at = [0.7]"), 10, "at = [0.7, 1.1, 1.3]");
+    double carried = 0;
+    run(WrittenScene("debt", text).build().world, 110, [&](Frame& frame, int pass) {
+        const World& w = frame.world();
+        const ActionProgress& p = w.action_state.progress[0];
+        EXPECT_NEAR(-w.energy.work_cuts, p.work - p.owed, 1e-12) << pass;
+        if (pass == 75) {
+            carried = p.owed;
+            EXPECT_FALSE(p.on);
+        }
+    });
+    std::printf("carried %.3g J\n", carried);
+    EXPECT_GT(carried, 0);
 }
 
 // The bits do not depend on threads or scratch, and the surface of a state follows from it alone: set back into a world

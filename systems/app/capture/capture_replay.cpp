@@ -9,6 +9,7 @@
 #include "systems/haptics/contact/device_motion.hpp"
 #include "engine/tissue/cut_setup.hpp"
 #include "engine/tissue/cut_solid_setup.hpp"
+#include "engine/tissue/heat.hpp"
 #include "systems/prepare/tear_bodies.hpp"
 namespace trocar {
 namespace {
@@ -44,8 +45,15 @@ void set_state(const CaptureRecord& state, World& world) {
 
 void restore_surfaces(World& w) {
     restore_torn_surfaces(w.solids, w.bodies, w.particles, w.torn, w.meshes, w.trees, w.tears);
+    // springs of a surface that is there already have their stiffening: it is no part of the factors without
+    std::vector<const HeatBody*> laid_anew;
+    for (const HeatBody& body : w.actions.heat_body)
+        if (body.cut != kNone && !is_cut_surface_laid(w.actions.cut_body[body.cut], body.cut, w.action_state.cut, w.bodies, w.meshes))
+            laid_anew.push_back(&body);
     restore_cut_surfaces(w.actions, w.action_state.cut, w.bodies, w.particles, w.meshes, w.springs, w.anchors, w.trees);
     restore_cut_solids(w.actions, w.action_state.lattice, w.bodies, w.particles, {w.meshes, w.springs, w.solids, w.anchors}, w.trees);
+    restore_heat(w.bodies, w.meshes, w.solids, w.actions);
+    for (const HeatBody* body : laid_anew) note_factors(*body, w.bodies, w.springs, w.actions);
 }
 
 }  // namespace

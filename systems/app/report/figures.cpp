@@ -168,7 +168,7 @@ namespace {
 nlohmann::ordered_json actions_json(const ActionFigures& a) {
     nlohmann::ordered_json j;
     if (a.staples) j = {{"staples", a.set}, {"misfires", a.misfires}, {"pulled_out", a.pulled_out}, {"max_pull_n", a.pull}};
-    if (a.cuts) j["cuts"] = a.cut, j["cut_area_m2"] = a.area, j["cut_work_j"] = a.work, j["cuts_refused"] = a.refused;
+    if (a.cuts) j["cuts"] = a.cut, j["cut_area_m2"] = a.area, j["cut_work_j"] = a.work, j["cut_owed_j"] = a.owed, j["cuts_refused"] = a.refused;
     if (a.grasps) j["grasps"] = a.grasped, j["empty_grasps"] = a.nothing_grasped, j["slips"] = a.slipped, j["max_grip_n"] = a.grip;
     if (a.cautery) j["burns"] = a.burns, j["heat_j"] = a.heat, j["burnt_m2"] = a.burnt, j["hottest_c"] = a.hottest;
     return j;
@@ -284,6 +284,7 @@ std::string metrics_json(const RunFigures& f) {
             {{"name", l.name}, {"made", l.made}, {"broken", l.broken}, {"max_force_n", l.force}, {"max_strain", l.strain}});
     if (f.actions.any) j["actions"] = actions_json(f.actions);
     if (f.fluid.any) j["fluid"] = fluid_json(f.fluid);
+    if (f.any_lens) j["lens"] = {{"film_m", f.lens_film}, {"temperature_c", f.lens_temperature}, {"wipes", f.lens_wipes}};
     j["report"] = report_json(f);
     return j.dump(2) + "\n";
 }

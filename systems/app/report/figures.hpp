@@ -63,6 +63,7 @@ struct ActionFigures {
     uint64_t grasped = 0, nothing_grasped = 0, slipped = 0;  // grasps; that found nothing; that slipped out
     double grip = 0;                                         // N, largest force of one grasp, mean over a pass
     uint64_t burns = 0;                                      // strokes that heated
+    double owed = 0;                                          // J, of the work of cuts, that no motion has given yet
     double heat = 0, burnt = 0;                              // J, that they gave; m^2, of surface that coagulated
     double hottest = 0;                                      // degrees Celsius, now
 };
@@ -138,6 +139,9 @@ struct RunFigures {
     std::vector<LinkFigures> link;
     ActionFigures actions;
     FluidFigures fluid;
+    bool any_lens = false;  // a laparoscope that fogs; at the end:
+    double lens_film = 0, lens_temperature = 0;  // m, C
+    uint64_t lens_wipes = 0;
     std::vector<ToolFigures> tool;
     std::vector<DriveFigures> drive;
     std::vector<ToolSample> tool_sample;            // of every pass

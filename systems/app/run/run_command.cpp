@@ -98,7 +98,7 @@ ActionFigures action_figures(const World& w) {
                 break;
             case ActionKind::kCut:
                 a.cuts = true;
-                a.cut += p.done, a.refused += p.refused, a.area += p.area, a.work += p.work;
+                a.cut += p.done, a.refused += p.refused, a.area += p.area, a.work += p.work, a.owed += p.owed;
                 break;
             case ActionKind::kGrasp:
                 a.grasps = true;
@@ -172,6 +172,8 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
     }
     figures.actions = action_figures(w);
     figures.fluid = fluid_figures(w);
+    for (const Lens& lens : w.lenses.lens)
+        figures.any_lens = true, figures.lens_film = lens.film, figures.lens_temperature = lens.temperature, figures.lens_wipes = lens.wipes;
     if (!figures.live) {
         figures.ticks = w.haptics.ticks;
         figures.max_force = w.haptics.max_force;
