@@ -5,10 +5,10 @@
 #include <numbers>
 #include <numeric>
 
-#include "content/scene/make_prototype.hpp"
 #include "content/shapes/dish.hpp"
 #include "engine/fluid/film_setup.hpp"
 #include "engine/fluid/film_shape.hpp"
+#include "engine/mesh/mesh_topology.hpp"
 #include "engine/world/add_body.hpp"
 namespace trocar {
 namespace {
@@ -24,7 +24,7 @@ struct Plate {
     Vec3d down{0, 0, -1};
 
     explicit Plate(const Mesh& mesh, double viscosity, const Vec3d& gravity = Vec3d(0, 0, -1)) : down(gravity.normalized()) {
-        make_prototype(w.meshes, mesh, {});
+        add_prototype(w.meshes, mesh, Admission::kSheet);  // keeps the order of the vertices
         add_body(w, "plate", 0, Motion::kStatic);
         w.fluids.params.blood_viscosity = viscosity;
         add_film(w.meshes, 0, 0, {}, w.fluids, w.fluid_state);
