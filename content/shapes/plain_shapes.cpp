@@ -295,9 +295,7 @@ Mesh make_sphere(uint32_t triangles) {
     return mesh;
 }
 
-Mesh make_probe(uint32_t triangles) {
-    return surface_of_outline(outline_probe, 0.02, 0.03, triangles);
-}
+Mesh make_probe(uint32_t triangles) { return surface_of_outline(outline_probe, 0.02, 0.03, triangles); }
 
 Mesh make_capsule(uint32_t triangles) { return surface_of_outline(outline_capsule, 0.5, 0.25, triangles); }
 

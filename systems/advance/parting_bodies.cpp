@@ -12,7 +12,7 @@ Range mass_nodes_of(const AdvanceInputs& in, uint32_t body) {
     return {in.bodies.particles[body].first + skin, in.bodies.particles[body].count - skin};
 }
 
-constexpr float kNoAnchor = 1e-6f;      // of the springs: solids without a bed have anchors of next to nothing
+constexpr float kNoAnchor = 1e-6f;   // of the springs: solids without a bed have anchors of next to nothing
 constexpr double kMostStrain = 0.5;  // of the smaller body: two that are held and overlap by more are not pressed flat
 
 bool is_anchored(const AdvanceInputs& in, const Particles& particles, uint32_t body) {
@@ -83,8 +83,8 @@ void find_parting_contacts(const AdvanceInputs& inputs, const PartingBodies& par
     if (!any) scratch.left.clear();
 }
 
-void part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, double seconds, PartingBodiesScratch& scratch,
-                 PairMemory& pairs, Particles& particles, Poses& poses, double& work_push) {
+void part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, double seconds, PartingBodiesScratch& scratch, PairMemory& pairs,
+                 Particles& particles, Poses& poses, double& work_push) {
     const double most = params.contact.push_speed * seconds;
     scratch.shift.assign(inputs.bodies.mesh.size(), Vec3d::Zero());
     for (size_t p = 0; p < pairs.a.size(); ++p) {

@@ -10,10 +10,10 @@ namespace trocar {
 
 // Reused memory.
 struct PartingBodiesScratch {
-    std::vector<uint8_t> left;           // per contact constraint: see AdvanceInputs::left
-    std::vector<double> way;             // m, per pair: how far it has to go
+    std::vector<uint8_t> left;                // per contact constraint: see AdvanceInputs::left
+    std::vector<double> way;                  // m, per pair: how far it has to go
     std::vector<std::array<double, 2>> mass;  // kg, per pair, of a and b; 0 = cannot be moved as a whole
-    std::vector<Vec3d> shift;            // m, per body
+    std::vector<Vec3d> shift;                 // m, per body
 };
 
 // Pairs that start inside each other (find_parting_pairs) are parted by moving whole bodies: their shapes stay, so that it
@@ -32,7 +32,7 @@ void find_parting_contacts(const AdvanceInputs& inputs, const PartingBodies& par
                            const ContactConstraints& constraints, PartingBodiesScratch& scratch);
 // After it: moves the bodies by what a pass of `seconds` allows, shortens the travel that is left to the pairs, and adds the work
 // against gravity to work_push (J).
-void part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, double seconds, PartingBodiesScratch& scratch,
-                 PairMemory& pairs, Particles& particles, Poses& poses, double& work_push);
+void part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, double seconds, PartingBodiesScratch& scratch, PairMemory& pairs,
+                 Particles& particles, Poses& poses, double& work_push);
 
 }  // namespace trocar

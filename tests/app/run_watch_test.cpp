@@ -205,8 +205,10 @@ TEST(RunWatch, PartingTakesNoMoreThanTheOverlapNeeds) {
 TEST(RunWatch, NamesWhatMovesFartherThanContactsLook) {
     for (const std::string to : {"0.5", "-1.5"}) {
         const Watched w = watch("gravity = [0, 0, 0]\n" + body("thing", "motion = \"free\"\nposition = [0.2, 0, 0]") +
-                                    body("ram", "motion = \"kinematic\"\npath = [{time = 0.0, position = [-0.5, 0, 0]}, {time = 0.1667, "
-                                                "position = [" + to + ", 0, 0]}]"),
+                                    body("ram",
+                                         "motion = \"kinematic\"\npath = [{time = 0.0, position = [-0.5, 0, 0]}, {time = 0.1667, "
+                                         "position = [" +
+                                             to + ", 0, 0]}]"),
                                 12);
         EXPECT_GT(w.report.unswept_bodies, 0u);
         EXPECT_EQ(says(w, "it may go through \"thing\""), to == "0.5") << w.warnings;

@@ -103,13 +103,15 @@ TEST(SoftStartsInside, TwoLeaveWithoutEnergy) {
 TEST(SoftStartsInside, WhateverIsInsideWhatever) {
     const Vec3d at(0.03, 0.004, 0.002);
     const auto pair = [&](Kind a, Kind b) { return std::vector{thing("a", a, Vec3d::Zero()), thing("b", b, at)}; };
-    for (const auto& [a, b] : {std::pair(Kind::kSolid, Kind::kShell), {Kind::kStone, Kind::kSolid}, {Kind::kFixedStone, Kind::kShell},
+    for (const auto& [a, b] : {std::pair(Kind::kSolid, Kind::kShell),
+                               {Kind::kStone, Kind::kSolid},
+                               {Kind::kFixedStone, Kind::kShell},
                                {Kind::kSolid, Kind::kHeldShell}}) {
         const Parted p = part(pair(a, b), 1.2);
         expect_parted(p, kSize - at.x(), std::to_string(int(a)) + std::to_string(int(b)));
     }
-    expect_parted(part({thing("ball", Kind::kSolid, Vec3d::Zero()), thing("sheet", Kind::kSheet, Vec3d(0.002, 0.001, 0.01))}, 1.2),
-                  kSize, "sheet");
+    expect_parted(part({thing("ball", Kind::kSolid, Vec3d::Zero()), thing("sheet", Kind::kSheet, Vec3d(0.002, 0.001, 0.01))}, 1.2), kSize,
+                  "sheet");
     std::vector<BodySpec> three = pair(Kind::kSolid, Kind::kSolid);
     three.push_back(thing("c", Kind::kShell, Vec3d(0.018, 0.036, 0.001)));
     const Parted heap = part(three, 2.0);
@@ -117,6 +119,5 @@ TEST(SoftStartsInside, WhateverIsInsideWhatever) {
     EXPECT_LT(heap.shift.norm(), 1e-6);
     EXPECT_EQ(part(three, 0.3, 4).hash, part(three, 0.3, 1).hash);
 }
-
 
 }  // namespace

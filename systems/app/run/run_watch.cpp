@@ -278,10 +278,11 @@ void RunWatch::look_at_unswept(const World& w) {
         const uint32_t other = travel.isZero(0) ? kNone : body_in_the_way(w, body, travel);
         if (other == kNone) continue;
         unswept_ = true;
-        warnings_.push_back(format("\"%s\" moves %.3g mm in a contact pass at %.3f s, contacts look %.3g mm ahead: it may go through \"%s\" "
-                                   "unless contact.rate is higher",
-                                   name_of(w, body), 1e3 * travel.norm(), static_cast<double>(w.clock.tick) * 1e-3,
-                                   1e3 * w.boxes.margin[body], name_of(w, other)));
+        warnings_.push_back(
+            format("\"%s\" moves %.3g mm in a contact pass at %.3f s, contacts look %.3g mm ahead: it may go through \"%s\" "
+                   "unless contact.rate is higher",
+                   name_of(w, body), 1e3 * travel.norm(), static_cast<double>(w.clock.tick) * 1e-3, 1e3 * w.boxes.margin[body],
+                   name_of(w, other)));
     }
 }
 
