@@ -78,17 +78,11 @@ void place_new(const CutWorld& w, uint32_t body, uint32_t old, std::span<const C
     }
 }
 
-// A quantity per volume of new nodes, as between those that they were made from, times a common factor with which its sum over the
-// volumes stays. before, after: m^3, of all nodes.
-void share_by_volume(std::span<const double> before, std::span<const double> after, uint32_t old, std::span<const CutVertex> made,
-                     std::span<double> value) {
-    double taken = 0, given = 0;
-    for (size_t i = 0; i < made.size(); ++i) {
+// Values of new nodes, linear between those that they were made from. The sum of a value over the volumes, thirds of triangles, stays:
+// what a split edge takes from its ends and from the corners opposite to it is what its new node gets.
+void interpolate(uint32_t old, std::span<const CutVertex> made, std::span<double> value) {
+    for (size_t i = 0; i < made.size(); ++i)
         value[old + i] = value[made[i].a] + made[i].along * (value[made[i].b] - value[made[i].a]);
-        given += after[old + i] * value[old + i];
-    }
-    for (uint32_t v = 0; v < old; ++v) taken += (before[v] - after[v]) * value[v];
-    for (size_t i = 0; i < made.size() && given > 0 && taken > 0; ++i) value[old + i] *= taken / given;
 }
 
 // A body that is heated: its new nodes are as warm, and have been as hot, as between those that they were made from. Heat stays.
@@ -100,10 +94,9 @@ void cut_heat(const CutWorld& w, uint32_t index, uint32_t old, std::span<const C
         const std::span<double> volume = part(w.actions.heat_volume), rise = part(state.rise), damage = part(state.damage), steam = part(state.steam);
         const std::vector<double> before(volume.begin(), volume.end());
         lay_heat(heat, w.bodies, w.meshes, w.solids, w.actions);
-        share_by_volume(before, volume, old, made, rise);
-        for (size_t i = 0; i < made.size(); ++i) damage[old + i] = damage[made[i].a] + made[i].along * (damage[made[i].b] - damage[made[i].a]);
+        interpolate(old, made, rise), interpolate(old, made, damage);
         for (uint32_t v = 0; v < old; ++v) steam[v] = before[v] > 0 ? steam[v] / before[v] : 0;  // J/m^3
-        share_by_volume(before, volume, old, made, steam);
+        interpolate(old, made, steam);
         for (size_t v = 0; v < steam.size(); ++v) steam[v] *= volume[v];
         note_factors(heat, w.bodies, w.springs, w.actions);
         Solids none;
