@@ -38,8 +38,8 @@ struct LatticeSpring {
 
 // The pieces in numbers that the arrays take.
 struct LaidPieces {
-    std::vector<double> six;     // m^3, six times the volume of a lattice tetrahedron at rest
-    std::vector<double> volume;  // m^3, of a node
+    std::vector<double> six;            // m^3, six times the volume of a lattice tetrahedron at rest
+    std::vector<double> volume;         // m^3, of a node
     std::vector<LatticeSpring> spring;  // ascending
     SlicedLists springs, corners;
     Meshes surface;
@@ -56,7 +56,8 @@ std::vector<LatticeSpring> gather_springs(std::span<const CutPart> part, const a
                 all.push_back({std::min(p.node[i], p.node[j]), std::max(p.node[i], p.node[j]), p.share * six[p.tetrahedron] / squared,
                                (rest(p.node[i]) - rest(p.node[j])).norm()});
     }
-    std::stable_sort(all.begin(), all.end(), [](const LatticeSpring& x, const LatticeSpring& y) { return std::tie(x.a, x.b) < std::tie(y.a, y.b); });
+    std::stable_sort(all.begin(), all.end(),
+                     [](const LatticeSpring& x, const LatticeSpring& y) { return std::tie(x.a, x.b) < std::tie(y.a, y.b); });
     std::vector<LatticeSpring> each;
     for (const LatticeSpring& s : all) {
         if (!each.empty() && each.back().a == s.a && each.back().b == s.b)
@@ -176,7 +177,8 @@ void lay_anchors(const CutSolid& limits, const LatticePieces& pieces, const Laid
     }
 }
 
-bool is_laid(const CutSolid& limits, uint32_t index, const CutLattices& state, const Meshes& meshes, const Solids& solids, uint32_t prototype) {
+bool is_laid(const CutSolid& limits, uint32_t index, const CutLattices& state, const Meshes& meshes, const Solids& solids,
+             uint32_t prototype) {
     const MeshInfo& info = meshes.info[prototype];
     const auto& count = state.count[index];
     if (info.vertices.count != count[2] || info.triangles.count != count[3] || solids.info[prototype].count != count[1]) return false;
@@ -216,8 +218,8 @@ void widen_solid(const CutSolidRoom& room, uint32_t prototype, Springs& springs,
     widen(solids.slot, reserved(slots, kCornerColumns) - slots, 4 * info.tetrahedra.count);
 }
 
-void add_cut_solid(const CutSolidRoom& room, uint32_t nodes, uint32_t tetrahedra, uint32_t wall, uint32_t body, const CutSolidArrays& arrays,
-                   const Particles& particles, Bodies& bodies, Actions& actions, CutLattices& state) {
+void add_cut_solid(const CutSolidRoom& room, uint32_t nodes, uint32_t tetrahedra, uint32_t wall, uint32_t body,
+                   const CutSolidArrays& arrays, const Particles& particles, Bodies& bodies, Actions& actions, CutLattices& state) {
     const auto& [meshes, springs, solids, anchors] = arrays;
     const uint32_t prototype = bodies.mesh[body];
     const MeshInfo& mesh = meshes.info[prototype];

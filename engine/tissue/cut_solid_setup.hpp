@@ -28,11 +28,11 @@ struct CutSolidArrays {
     Solids& solids;
     Anchors& anchors;
 };
-// Fills an element of cut_solid and its part of the state, once the body has particles; sets its stable step to one that holds for every cut:
-// a part has its share of mass and stiffness, so the limit of single tetrahedra (update_tearing_solid_dt) is that of their parts.
+// Fills an element of cut_solid and its part of the state, once the body has particles; sets its stable step to one that holds for every
+// cut: a part has its share of mass and stiffness, so the limit of single tetrahedra (update_tearing_solid_dt) is that of their parts.
 // nodes, tetrahedra: of the lattice. wall: material of the new surface.
-void add_cut_solid(const CutSolidRoom& room, uint32_t nodes, uint32_t tetrahedra, uint32_t wall, uint32_t body, const CutSolidArrays& arrays,
-                   const Particles& particles, Bodies& bodies, Actions& actions, CutLattices& state);
+void add_cut_solid(const CutSolidRoom& room, uint32_t nodes, uint32_t tetrahedra, uint32_t wall, uint32_t body,
+                   const CutSolidArrays& arrays, const Particles& particles, Bodies& bodies, Actions& actions, CutLattices& state);
 
 Lattice lattice_of(const CutSolid& limits, const Actions& actions);
 LatticePieces take_pieces(const CutSolid& limits, uint32_t index, const CutLattices& state);

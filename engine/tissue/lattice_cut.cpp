@@ -557,8 +557,7 @@ std::vector<uint32_t> number_vertices(const Lattice& lattice, const CutEdges& cu
         uint32_t part = kNone;
         for (const uint32_t corner : classes.corners[c]) part = std::min(part, made.part[corner / 3]);
         const CutPart& own = pieces.part[part];
-        pieces.vertex[number[c]] = {point_at(c), part, own.node,
-                                    weights_of(point_at(c), lattice.tetrahedron[own.tetrahedron], cuts)};
+        pieces.vertex[number[c]] = {point_at(c), part, own.node, weights_of(point_at(c), lattice.tetrahedron[own.tetrahedron], cuts)};
     }
     return number;
 }
@@ -578,7 +577,8 @@ std::vector<std::array<uint32_t, 3>> add_middles(const SurfaceMaker& made, std::
         const uint32_t u = corner[3 * s.triangle + s.first], v = corner[3 * s.triangle + (s.first + 1) % 3];
         named.push_back({{std::min(u, v), std::max(u, v)}, p});
     }
-    std::sort(named.begin(), named.end(), [](const Named& a, const Named& b) { return std::tie(a.ends, a.pair) < std::tie(b.ends, b.pair); });
+    std::sort(named.begin(), named.end(),
+              [](const Named& a, const Named& b) { return std::tie(a.ends, a.pair) < std::tie(b.ends, b.pair); });
     std::vector<std::array<uint32_t, 3>> middle(made.triangle.size(), {kNone, kNone, kNone});
     for (size_t begin = 0, end = 0; begin < named.size(); begin = end) {
         while (end < named.size() && named[end].ends == named[begin].ends) ++end;

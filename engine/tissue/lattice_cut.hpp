@@ -31,8 +31,8 @@ struct Lattice {
 };
 
 struct LatticePieces {
-    std::vector<double> cut_at;   // as Lattice::edge: fraction from the lower node, 0 = whole
-    std::vector<CutPart> part;    // the first are those of Lattice::tetrahedron in their order
+    std::vector<double> cut_at;     // as Lattice::edge: fraction from the lower node, 0 = whole
+    std::vector<CutPart> part;      // the first are those of Lattice::tetrahedron in their order
     std::vector<uint32_t> node_of;  // the first are the nodes of the lattice
     std::vector<CutSolidVertex> vertex;
     std::vector<Triangle> triangle;

@@ -39,7 +39,8 @@ void put_lists(uint32_t index, uint32_t action, const CutMesh& mesh, CutSurfaces
 double energy_of_body(const CutWorld& w, uint32_t body) {
     Energy energy;
     BodyEnergyScratch scratch;
-    add_body_energy({w.springs, w.bodies, w.poses, w.particles, w.anchors, w.gravity, {.solids = &w.solids, .actions = &w.actions}}, body, scratch, energy);
+    const OtherForces other{.solids = &w.solids, .actions = &w.actions};
+    add_body_energy({w.springs, w.bodies, w.poses, w.particles, w.anchors, w.gravity, other}, body, scratch, energy);
     return energy.kinetic + energy.elastic + energy.gravity;
 }
 

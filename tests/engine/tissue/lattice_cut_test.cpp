@@ -195,8 +195,8 @@ TEST(LatticeCut, ThreePlanesMakeEightPieces) {
     EXPECT_GE(most, 3u);
 }
 
-// Energy of the piece with node 0 when its ends z = 0 and z = 1 are moved by `move` against each other, all else free: of springs and volumes as
-// those of solids (engine/tissue/tet_forces.hpp), linear, with a bulk modulus of `bulk` times the springs'.
+// Energy of the piece with node 0 when its ends z = 0 and z = 1 are moved by `move` against each other, all else free: of springs and
+// volumes as those of solids (engine/tissue/tet_forces.hpp), linear, with a bulk modulus of `bulk` times the springs'.
 double energy_when_moved(const KuhnCube& block, const LatticePieces& pieces, const Vec3d& move) {
     constexpr double kBulk = 3;
     std::vector<uint32_t> parent(pieces.node_of.size());
@@ -257,8 +257,8 @@ double energy_when_moved(const KuhnCube& block, const LatticePieces& pieces, con
 
 // Half of a cut block, four and a half cells wide, is as stiff as a block made so: in the middle between those of three to six cells, by
 // the cubic through them, since stiffness grows with width in tension and with its cube in bending. Measured: 1.3 % stiffer in tension,
-// 1.1 % in bending across the cut, 0.1 % softer in bending along it (two and a half cells wide: 1.8, 1.6 and 0.1 %): where a cut passes, half
-// empty tetrahedra resist as those of half the modulus.
+// 1.1 % in bending across the cut, 0.1 % softer in bending along it (two and a half cells wide: 1.8, 1.6 and 0.1 %): where a cut passes,
+// half empty tetrahedra resist as those of half the modulus.
 TEST(LatticeCut, AHalfIsAsStiffAsABlockMadeSo) {
     const KuhnCube cube(4, 9, 2.25);
     LatticePieces cut = whole_pieces(cube.lattice());
@@ -282,8 +282,8 @@ struct StrokeFaults {
 };
 
 // Strokes at any place, of any direction, size and number of passes, in a cube that others have cut: every surface is closed and
-// manifold with an even Euler characteristic, the volume inside is that of the cube, and so is that of the parts. What hangs together by nodes bounds
-// itself by as many surfaces at least.
+// manifold with an even Euler characteristic, the volume inside is that of the cube, and so is that of the parts. What hangs together by
+// nodes bounds itself by as many surfaces at least.
 StrokeFaults cut_at_random(const KuhnCube& cube, uint64_t seed) {
     std::mt19937_64 random(seed);
     const auto unit = [&] { return static_cast<double>(random() >> 11) * 0x1p-53; };
