@@ -34,19 +34,11 @@ struct CutWorld {
 
 // Parts the surfaces and solids that the edges of cutting tools swept through since the last pass, while their triggers are
 // pulled (act has followed them): see cut_surface and cut_lattice. Mass is conserved: vertices share that of their triangles,
-<<<<<<< HEAD
 // nodes that of the parts of their tetrahedra. New particles move with the edge that they split, or the node that they were copied
 // from. The elastic, kinetic and anchor energy that changes is in the accounting (work_links). The work of the new surface,
 // toughness times area, is taken from the tool's motion, what that cannot give at once from the next passes, and from the next
 // stroke what is owed when one ends: it enters as work of the hand and leaves as work_cuts, and the hand feels its mean force. A cut
 // beyond the reserved elements is not made, and counted.
-=======
-// nodes that of the parts of their tetrahedra. New particles move with the edge that they split, or the node that they were
-// copied from. The elastic, kinetic and anchor energy that changes is in the accounting (work_links). The work of the new
-// surface, toughness times area, is taken from the tool's motion, what that cannot give at once from the next passes: it enters
-// as work of the hand and leaves as work_cuts, and the hand feels its mean force. A cut beyond the reserved elements is not
-// made, and counted.
->>>>>>> cut
 void cut_with_tools(const CutWorld& world);
 
 }  // namespace trocar
