@@ -91,7 +91,7 @@ struct MarkerBuffers {
 };
 
 GLuint compile(GLenum kind, uint32_t variant, const char* text) {
-    const std::array<const char*, 9> parts = {shaders::kVersion,
+    const std::array<const char*, 10> parts = {shaders::kVersion,
                                               variant & kTextured ? "#define TEXTURED\n" : "",
                                               variant & kDepthColours ? "#define DEPTH_COLOURS\n" : "",
                                               variant & kScope ? "#define SCOPE\n" : "",
