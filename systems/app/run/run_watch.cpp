@@ -86,7 +86,13 @@ Vec3d unswept_travel(const World& w, uint32_t body) {
     return velocity.norm() * period > w.boxes.margin[body] ? Vec3d(velocity * period) : Vec3d::Zero();
 }
 
-// A body in the way of a box that travels, or kNone.
+// m, of a body along a direction.
+double extent_along(const World& w, uint32_t body, const Vec3d& direction) {
+    const Vec3d size = w.boxes.box[body].max - w.boxes.box[body].min - Vec3d::Constant(2 * w.boxes.margin[body]);
+    return std::max(0.0, direction.cwiseAbs().dot(size));
+}
+
+// A body in the way of one that travels, of which the thinner may be half passed before contacts see it; or kNone.
 uint32_t body_in_the_way(const World& w, uint32_t body, const Vec3d& travel) {
     Box swept = w.boxes.box[body];
     swept.min = swept.min.cwiseMin(swept.min + travel);
@@ -94,7 +100,11 @@ uint32_t body_in_the_way(const World& w, uint32_t body, const Vec3d& travel) {
     for (uint32_t other = 0; other < w.boxes.box.size(); ++other) {
         const Box& box = w.boxes.box[other];
         const bool meets = (swept.min.array() <= box.max.array()).all() && (box.min.array() <= swept.max.array()).all();
-        if (other != body && meets && (joins_islands(w.bodies.motion[body]) || joins_islands(w.bodies.motion[other]))) return other;
+        if (other == body || !meets) continue;
+        const Vec3d direction = travel.normalized();
+        const double thin = std::min(extent_along(w, body, direction), extent_along(w, other, direction));
+        if (!(travel.norm() - w.boxes.margin[body] > 0.5 * thin)) continue;
+        if ((joins_islands(w.bodies.motion[body]) || joins_islands(w.bodies.motion[other]))) return other;
     }
     return kNone;
 }
