@@ -410,6 +410,7 @@ uint64_t state_hash(const World& world) {
         // where no instrument acts there is nothing to hash, not even the lengths of empty arrays
         if (static_cast<Resource>(r) == Resource::kActionState && world.actions.action.empty()) continue;
         if (static_cast<Resource>(r) == Resource::kSelfContacts && world.self_contacts.body.empty()) continue;  // nothing touches itself
+        if (static_cast<Resource>(r) == Resource::kCrossedSurfaces && world.crossed_surfaces.body.empty()) continue;
         visit_resource(world, static_cast<Resource>(r), hasher);
     }
     return hasher.hash.value;

@@ -55,6 +55,7 @@ struct World {
     PairMemory pair_memory;
     ContactMemory contact_memory;
     SelfContacts self_contacts;
+    CrossedSurfaces crossed_surfaces;
     Sleep sleep;
     Links links;
     Torn torn;
@@ -162,7 +163,8 @@ struct CaptureRecord;
     R(kActions, actions, "actions", kConstant)                                   \
     R(kActionState, action_state, "action state", kState)                          \
     R(kSelfContacts, self_contacts, "self-contacts", kState)                     \
-    R(kSelfContactStart, self_contact_start, "self-contact start", kDerived)
+    R(kSelfContactStart, self_contact_start, "self-contact start", kDerived)     \
+    R(kCrossedSurfaces, crossed_surfaces, "crossed surfaces", kState)
 
 enum class Resource : uint8_t {
 #define TROCAR_RESOURCE_BIT(bit, ...) bit,
