@@ -68,6 +68,7 @@ inline constexpr uint8_t kOfRun = kInMetrics | kOnPage;  // counted by the run, 
     PASS(kSum, self_contacts, "", kFigure, "contact constraints of surfaces with themselves and of two sheets, sum over passes")       \
     PASS(kSum, turned_sides, "", kTrouble, "times parts of one surface, or two sheets, were found on the wrong side of each other")    \
     PASS(kSum, held_vertices, "", kTrouble, "times a vertex was held back at the end of a pass, where its surface would have crossed")  \
+    PASS(kSum, untangled_edges, "", kTrouble, "times an edge was moved out of a face that it crossed")                                 \
     ISLAND(kSum, short_steps, "", kTrouble, "steps shorter than 0.02 ms")                                                              \
     ISLAND(kSum, runaway_bodies, "", kTrouble, "times a body was restored because its energy had grown spontaneously")                 \
     PASS(kSum, awake_bodies, "", kFigure, "deformable bodies that were moved in the last pass")                                        \

@@ -141,7 +141,7 @@ struct LeafSearch {
     const Float4* position;
     const CrossingFacesScratch& tree;
     uint32_t leaf;
-    std::vector<uint32_t>* faces = nullptr;  // takes both of each pair
+    std::vector<std::array<uint32_t, 2>>* pairs = nullptr;  // takes each pair
     uint32_t tests = 0, crossings = 0;
 
     void meet(uint32_t other) {
@@ -159,7 +159,7 @@ struct LeafSearch {
                 const uint32_t face = kLanes * other + static_cast<uint32_t>(std::countr_zero(near));
                 if (!cross_exactly(triangle[kLanes * leaf + lane], triangle[face], position)) continue;
                 ++crossings;
-                if (faces) faces->push_back(kLanes * leaf + lane), faces->push_back(face);
+                if (pairs) pairs->push_back({kLanes * leaf + lane, face});
             }
         }
     }
@@ -206,12 +206,19 @@ uint64_t count_crossing_faces(std::span<const Triangle> triangle, const Float4* 
     return crossings;
 }
 
-void find_crossing_faces(std::span<const Triangle> triangle, const Float4* position, CrossingFacesScratch& scratch,
-                         std::vector<uint32_t>& faces) {
-    faces.clear();
+void find_crossing_pairs(std::span<const Triangle> triangle, const Float4* position, CrossingFacesScratch& scratch,
+                         std::vector<std::array<uint32_t, 2>>& pairs) {
+    pairs.clear();
     if (triangle.empty()) return;
     build_tree(triangle, position, scratch);
-    for (uint32_t leaf = 0; leaf < scratch.leaf.size(); ++leaf) LeafSearch{triangle, position, scratch, leaf, &faces}.run();
+    for (uint32_t leaf = 0; leaf < scratch.leaf.size(); ++leaf) LeafSearch{triangle, position, scratch, leaf, &pairs}.run();
+}
+
+void find_crossing_faces(std::span<const Triangle> triangle, const Float4* position, CrossingFacesScratch& scratch,
+                         std::vector<uint32_t>& faces) {
+    find_crossing_pairs(triangle, position, scratch, scratch.pairs);
+    faces.clear();
+    for (const auto& [a, b] : scratch.pairs) faces.push_back(a), faces.push_back(b);
     std::sort(faces.begin(), faces.end());
     faces.erase(std::unique(faces.begin(), faces.end()), faces.end());
 }

@@ -24,6 +24,7 @@ struct FaceBox {
 struct CrossingFacesScratch {
     std::vector<EightFaces> leaf;             // faces 8 i to 8 i + 7
     std::vector<std::vector<FaceBox>> level;  // of one leaf each, then of pairs, up to a single one
+    std::vector<std::array<uint32_t, 2>> pairs;
 };
 
 // A leaf of eight faces is tested exactly against as many others at most: time is bounded where a surface has collapsed
@@ -39,5 +40,9 @@ uint64_t count_crossing_faces(std::span<const Triangle> triangle, const Float4* 
 // The faces of those pairs, ascending. Not in parallel.
 void find_crossing_faces(std::span<const Triangle> triangle, const Float4* position, CrossingFacesScratch& scratch,
                          std::vector<uint32_t>& faces);
+
+// Those pairs, each once, in the order of their search. Not in parallel.
+void find_crossing_pairs(std::span<const Triangle> triangle, const Float4* position, CrossingFacesScratch& scratch,
+                         std::vector<std::array<uint32_t, 2>>& pairs);
 
 }  // namespace trocar

@@ -9,10 +9,10 @@
 namespace trocar {
 namespace {
 
-constexpr uint32_t kWidth = 8;        // features of a leaf
-constexpr uint32_t kLeafGrain = 64;   // leaves
-constexpr float kFarAway = 1e30f;     // m, coordinates of lanes without a feature
-constexpr float kFlatArea = 1e-8f;    // (2 area)^2 / longest edge^4 below which a triangle is only its edges
+constexpr uint32_t kWidth = 8;          // features of a leaf
+constexpr uint32_t kLeafGrain = 64;     // leaves
+constexpr float kFarAway = 1e30f;       // m, coordinates of lanes without a feature
+constexpr float kFlatArea = 1e-8f;      // (2 area)^2 / longest edge^4 below which a triangle is only its edges
 constexpr float kNearParallel = 1e-6f;  // sine^2 of edges, below which their closest points are lost in rounding
 // Distances from floats are wrong by less than this share of the longest edge: of a triangle that is not flat, its plane by 1e-4 of it; of
 // edges that are not parallel, what 1e-7 / kNearParallel of an edge changes at that angle; of parallel ones, what the angle does.
@@ -234,28 +234,43 @@ struct FeatureSearch {
     }
 };
 
-FeatureSearch search_within(const MeshView& mesh, const Float4* position, const FeatureTrees& trees, const FeatureTrees& other,
-                            bool itself, float reach) {
+FeatureSearch search_within(const MeshView& mesh, const Float4* position, const FeatureTrees& trees, const FeatureTrees& other, bool itself,
+                            float reach) {
     const float farthest = reach + kErrorOfDistance * std::max(trees.longest, other.longest);
     return {mesh, position, trees, other, itself, farthest, farthest * farthest};
 }
 
-// Runs find(leaf, out) for all leaves in chunks, each of which is sorted.
+// Appends what was found for the features of a leaf: those of each lane are ascending already, one lane follows the other.
+void append_by_lane(const std::vector<uint64_t>& found, std::vector<uint64_t>& out) {
+    const auto lane_of = [](uint64_t pair) { return static_cast<size_t>(pair >> 32) % kWidth; };
+    std::array<size_t, kWidth + 1> next{};
+    for (const uint64_t pair : found) ++next[lane_of(pair) + 1];
+    next[0] = out.size();
+    for (size_t lane = 0; lane < kWidth; ++lane) next[lane + 1] += next[lane];
+    out.resize(out.size() + found.size());
+    for (const uint64_t pair : found) out[next[lane_of(pair)]++] = pair;
+}
+
+// Runs find(leaf, out) for all leaves in chunks. The second features that it finds for each of the first ascend.
 template <typename Find>
-void search_leaves(uint32_t leaves, std::vector<std::vector<uint64_t>>& part, std::vector<uint64_t>& all, const Find& find) {
+void search_leaves(uint32_t leaves, NearFeatures& near, std::vector<uint64_t>& all, const Find& find) {
+    std::vector<std::vector<uint64_t>>& part = near.part;
     const uint32_t chunks = (leaves + kLeafGrain - 1) / kLeafGrain;
-    if (part.size() < chunks) part.resize(chunks);
+    if (part.size() < chunks) part.resize(chunks), near.leaf.resize(chunks);
     parallel_for(leaves, kLeafGrain, [&](uint32_t begin, uint32_t end) {
-        std::vector<uint64_t>& out = part[begin / kLeafGrain];
+        std::vector<uint64_t>&out = part[begin / kLeafGrain], &of_leaf = near.leaf[begin / kLeafGrain];
         out.clear();
-        for (uint32_t leaf = begin; leaf < end; ++leaf) find(leaf, out);
-        std::sort(out.begin(), out.end());
+        for (uint32_t leaf = begin; leaf < end; ++leaf) {
+            of_leaf.clear();
+            find(leaf, of_leaf);
+            append_by_lane(of_leaf, out);
+        }
     });
     all.clear();
     for (uint32_t chunk = 0; chunk < chunks; ++chunk) all.insert(all.end(), part[chunk].begin(), part[chunk].end());
 }
 
-constexpr float kAbove = 0.5f;        // share of a vertex' distance by which it is off the plane of a triangle that it faces
+constexpr float kAbove = 0.5f;          // share of a vertex' distance by which it is off the plane of a triangle that it faces
 constexpr float kLeastSine2 = 0.0024f;  // of edges that face each other: a little below 0.05^2
 
 // Points of up to eight pairs. at(pair): the vertex.
@@ -266,7 +281,8 @@ EightPoints gather_points(const Float4* position, std::span<const uint64_t> pair
         const Float4& p = position[at(pairs[std::min<size_t>(lane, pairs.size() - 1)])];
         lanes[0][lane] = p.x, lanes[1][lane] = p.y, lanes[2][lane] = p.z;
     }
-    return {load_lanes(lanes[0]) + lanes_of(shift[0]), load_lanes(lanes[1]) + lanes_of(shift[1]), load_lanes(lanes[2]) + lanes_of(shift[2])};
+    return {load_lanes(lanes[0]) + lanes_of(shift[0]), load_lanes(lanes[1]) + lanes_of(shift[1]),
+            load_lanes(lanes[2]) + lanes_of(shift[2])};
 }
 uint32_t first_of(uint64_t pair) { return static_cast<uint32_t>(pair >> 32); }
 uint32_t second_of(uint64_t pair) { return static_cast<uint32_t>(pair); }
@@ -291,7 +307,9 @@ uint32_t facing_vertices(const FacingSurfaces& s, std::span<const uint64_t> pair
 
 uint32_t facing_edges(const FacingSurfaces& s, std::span<const uint64_t> pairs, float reach) {
     const float wrong = kErrorOfDistance * s.longest;
-    const auto mine = [&](size_t k) { return gather_points(s.position, pairs, {}, [&](uint64_t pair) { return s.edge[first_of(pair)][k]; }); };
+    const auto mine = [&](size_t k) {
+        return gather_points(s.position, pairs, {}, [&](uint64_t pair) { return s.edge[first_of(pair)][k]; });
+    };
     const auto theirs = [&](size_t k) {
         return gather_points(s.other_position, pairs, s.shift, [&](uint64_t pair) { return s.other_edge[second_of(pair)][k]; });
     };
@@ -318,8 +336,8 @@ void build_feature_trees(const MeshView& mesh, const Float4* position, FeatureTr
         for (uint32_t leaf = begin; leaf < end; ++leaf) build_triangle_leaf(mesh, position, leaf, trees);
     });
     for (uint32_t eight = 0; eight < vertices; ++eight)
-        trees.vertex_box[eight] = box_of_vertices(position, kWidth * eight,
-                                                  std::min(kWidth, static_cast<uint32_t>(mesh.position.size()) - kWidth * eight));
+        trees.vertex_box[eight] =
+            box_of_vertices(position, kWidth * eight, std::min(kWidth, static_cast<uint32_t>(mesh.position.size()) - kWidth * eight));
     float longest2 = 0;
     for (uint32_t leaf = 0; leaf < edges; ++leaf) longest2 = std::max(longest2, build_edge_leaf(mesh, position, leaf, trees));
     trees.longest = std::sqrt(longest2);
@@ -331,7 +349,7 @@ void find_near_vertices(const MeshView& mesh, const Float4* position, const Feat
                         float reach, NearFeatures& near) {
     const FeatureSearch search = search_within(mesh, position, trees, other, itself, reach);
     near.edge_edge.clear();
-    search_leaves(static_cast<uint32_t>(trees.vertex_box.size()), near.part, near.vertex_triangle,
+    search_leaves(static_cast<uint32_t>(trees.vertex_box.size()), near, near.vertex_triangle,
                   [&](uint32_t eight, std::vector<uint64_t>& out) { search.vertices(eight, out); });
 }
 
@@ -339,7 +357,7 @@ void find_near_features(const MeshView& mesh, const Float4* position, const Feat
                         float reach, NearFeatures& near) {
     find_near_vertices(mesh, position, trees, other, itself, reach, near);
     const FeatureSearch search = search_within(mesh, position, trees, other, itself, reach);
-    search_leaves(static_cast<uint32_t>(trees.edges.size()), near.part, near.edge_edge,
+    search_leaves(static_cast<uint32_t>(trees.edges.size()), near, near.edge_edge,
                   [&](uint32_t eight, std::vector<uint64_t>& out) { search.edges(eight, out); });
 }
 

@@ -36,9 +36,9 @@ struct FeatureTrees {
 
 // Pairs of features of two surfaces, or of one with itself, ascending.
 struct NearFeatures {
-    std::vector<uint64_t> vertex_triangle;   // vertex of the first surface << 32 | triangle of the second
-    std::vector<uint64_t> edge_edge;         // edge of the first << 32 | edge of the second, which is the later one of a surface itself
-    std::vector<std::vector<uint64_t>> part;  // scratch: per chunk
+    std::vector<uint64_t> vertex_triangle;  // vertex of the first surface << 32 | triangle of the second
+    std::vector<uint64_t> edge_edge;        // edge of the first << 32 | edge of the second, which is the later one of a surface itself
+    std::vector<std::vector<uint64_t>> part, leaf;  // scratch: per chunk; of one of its leaves
 };
 
 // position: m, one element a vertex; those that are not finite are near nothing. Triangles with a corner twice and edges of no
@@ -58,17 +58,17 @@ void find_near_vertices(const MeshView& mesh, const Float4* position, const Feat
 
 // Two surfaces, or twice the same, where they are. shift: m, added to the positions of the second.
 struct FacingSurfaces {
-    std::span<const Triangle> triangle;                 // of the second
+    std::span<const Triangle> triangle;  // of the second
     std::span<const std::array<uint32_t, 2>> edge, other_edge;
-    const Float4 *position, *other_position;            // m
+    const Float4 *position, *other_position;  // m
     std::array<float, 3> shift;
     float longest;  // m, edge of both
 };
 
 // Pairs that a search found, by far the most of them parts of a smooth surface beside each other: of these eight or fewer (as in
 // NearFeatures), the bits of those that may face each other within `reach` (m): the vertex is off the plane of the triangle by more than
-// half its distance; the edges cross as seen along their common perpendicular, at an angle of 3 degrees or more. Takes some 6 ns a pair. Leaves out
-// none that are so in exact arithmetic with positions that are wrong by 1e-3 of the longest edge.
+// half its distance; the edges cross as seen along their common perpendicular, at an angle of 3 degrees or more. Takes some 6 ns a pair.
+// Leaves out none that are so in exact arithmetic with positions that are wrong by 1e-3 of the longest edge.
 uint32_t facing_vertices(const FacingSurfaces& surfaces, std::span<const uint64_t> pairs, float reach);
 uint32_t facing_edges(const FacingSurfaces& surfaces, std::span<const uint64_t> pairs, float reach);
 

@@ -58,6 +58,7 @@ struct World {
     PairMemory pair_memory;
     ContactMemory contact_memory;
     SelfContacts self_contacts;
+    CrossedSurfaces crossed_surfaces;
     Sleep sleep;
     Links links;
     Torn torn;
@@ -170,7 +171,8 @@ struct CaptureRecord;
     R(kSelfContacts, self_contacts, "self-contacts", kState)                     \
     R(kSelfContactStart, self_contact_start, "self-contact start", kDerived)     \
     R(kFluids, fluids, "fluids", kConstant)                                      \
-    R(kFluidState, fluid_state, "fluid state", kState)
+    R(kFluidState, fluid_state, "fluid state", kState)                           \
+    R(kCrossedSurfaces, crossed_surfaces, "crossed surfaces", kState)
 
 enum class Resource : uint8_t {
 #define TROCAR_RESOURCE_BIT(bit, ...) bit,

@@ -586,7 +586,7 @@ void check_self_contacts(const World& w) {
         const MeshInfo &first = w.meshes.info[w.bodies.mesh[c.body[i]]], &second = w.meshes.info[w.bodies.mesh[c.other[i]]];
         require_below(c.feature[i][0], c.edges[i] ? first.edges.count : first.vertices.count, "self-contact of feature");
         require_below(c.feature[i][1], c.edges[i] ? second.edges.count : second.triangles.count, "self-contact with feature");
-        require(c.force[i].allFinite(), "self-contact: a force is not finite");
+        require(c.force[i].allFinite() && c.normal[i].allFinite(), "self-contact: a force or a normal is not finite");
     }
 }
 

@@ -1,17 +1,20 @@
 #include "systems/advance/held_surfaces.hpp"
 
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "engine/contact/sleeping_bodies.hpp"
 #include "engine/geometry/point_triangle.hpp"
+#include "engine/mesh/side_by_side.hpp"
 namespace trocar {
 namespace {
 
-constexpr uint32_t kMostRings = 6;       // added one by one before the whole body is held
-constexpr double kFreeShare = 0.49;      // of a distance that either side may go: below a half by what floats round
-constexpr double kFarthestLook = 0.75;   // of a mean edge: farther parts need not be looked for, as none goes half of this
+constexpr uint32_t kMostRings = 6;      // added one by one before the whole body is held
+constexpr double kFreeShare = 0.49;     // of a distance that either side may go: below a half by what floats round
+constexpr double kFarthestLook = 0.75;  // of a mean edge: farther parts need not be looked for, as none goes half of this
 
 // A body whose surface crosses itself at the end of a pass.
 struct CrossedBody {
@@ -62,6 +65,24 @@ Vec3d mean_of(const CrossedBody& b, std::span<const uint32_t> vertices, const Va
     return sum / mass;
 }
 
+// The spin (rad/s, or rad) with an angular momentum of particles about their centre of mass; zero about axes on which all of them are.
+// from_centre(v): m.
+template <typename Place>
+Vec3d spin_with(const CrossedBody& b, std::span<const uint32_t> vertices, const Place& from_centre, const Vec3d& momentum) {
+    constexpr double kThin = 1e-6;  // of the greatest moment of inertia: of points on a line
+    Eigen::Matrix3d inertia = Eigen::Matrix3d::Zero();
+    for (const uint32_t v : vertices) {
+        const Vec3d r = from_centre(v);
+        inertia += (r.squaredNorm() * Eigen::Matrix3d::Identity() - r * r.transpose()) / double{b.start[v].w};
+    }
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> principal(inertia);
+    Vec3d spin = Vec3d::Zero();
+    for (int i = 0; i < 3; ++i)
+        if (principal.eigenvalues()[i] > kThin * principal.eigenvalues()[2])
+            spin += principal.eigenvectors().col(i) * (principal.eigenvectors().col(i).dot(momentum) / principal.eigenvalues()[i]);
+    return spin;
+}
+
 Vec3d at(const Float4& p) { return {p.x, p.y, p.z}; }
 
 // Distance of two edges p + s u, q + t v, m: clamped closest points (Ericson, Real-Time Collision Detection, 2005, 5.1.9).
@@ -99,35 +120,60 @@ void measure_free_paths(const CrossedBody& b, HeldSurfacesScratch& scratch) {
     }
 }
 
-// Leaves the held vertices within their free paths, those times `part`, from where they were, displaced by their mean displacement.
+// Leaves the held vertices within their free paths, those times `part`, from where they were, moved along rigidly with all that are held.
 void put_back(const CrossedBody& b, double part, HeldSurfacesScratch& scratch) {
-    const auto displacement = [&](uint32_t v) -> Vec3d { return at(scratch.reached[v]) - at(b.start[v]); };
-    const Vec3d shift = all_free(b, scratch.vertex) ? mean_of(b, scratch.vertex, displacement) : Vec3d(Vec3d::Zero());
-    for (const uint32_t v : scratch.vertex) {
-        const Vec3d own = displacement(v) - shift;
+    const std::span<const uint32_t> held = scratch.vertex;
+    const bool free = all_free(b, held);
+    const Vec3d from = free ? mean_of(b, held, [&](uint32_t v) { return at(b.start[v]); }) : Vec3d(Vec3d::Zero());
+    const Vec3d to = free ? mean_of(b, held, [&](uint32_t v) { return at(scratch.reached[v]); }) : from;
+    const auto arm = [&](uint32_t v) -> Vec3d { return at(b.start[v]) - from; };
+    Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
+    if (free) {
+        Vec3d momentum = Vec3d::Zero();  // of the displacements
+        for (const uint32_t v : held) momentum += arm(v).cross(at(scratch.reached[v]) - to) / double{b.start[v].w};
+        const Vec3d spin = spin_with(b, held, arm, momentum);
+        if (spin.norm() > 0) turn = Eigen::AngleAxisd(spin.norm(), spin.normalized()).toRotationMatrix();
+    }
+    for (const uint32_t v : held) {
+        const Vec3d along = to + turn * arm(v), own = at(scratch.reached[v]) - along;
         const double size = own.norm(), most = part * double{scratch.free_path[v]}, share = size <= most ? 1.0 : most / size;
-        const Vec3d to = at(b.start[v]) + shift + share * own;
+        const Vec3d place = along + share * own;
         Float4& p = b.offset()[v];
-        p.x = static_cast<float>(to.x()), p.y = static_cast<float>(to.y()), p.z = static_cast<float>(to.z());
+        p.x = static_cast<float>(place.x()), p.y = static_cast<float>(place.y()), p.z = static_cast<float>(place.z());
         scratch.share[v] = static_cast<float>(share);
     }
 }
 
-// Velocities of vertices, relative to their mean, times their shares; momentum is kept if all are free.
-void slow_down(const CrossedBody& b, std::span<const uint32_t> vertices, std::span<const float> share) {
+// Velocities of vertices, relative to their common rigid motion, times their shares. If all are free, linear momentum is kept, and
+// angular momentum with the places before (scratch.reached) and after.
+void slow_down(const CrossedBody& b, std::span<const uint32_t> vertices, const HeldSurfacesScratch& scratch) {
+    if (vertices.empty()) return;
     Particles& p = b.particles;
-    const auto velocity = [&](uint32_t v) { return Vec3d(p.velocity_x[b.first + v], p.velocity_y[b.first + v], p.velocity_z[b.first + v]); };
+    const auto velocity = [&](uint32_t v) {
+        return Vec3d(p.velocity_x[b.first + v], p.velocity_y[b.first + v], p.velocity_z[b.first + v]);
+    };
     const auto set = [&](uint32_t v, const Vec3d& to) {
         p.velocity_x[b.first + v] = static_cast<float>(to.x());
         p.velocity_y[b.first + v] = static_cast<float>(to.y());
         p.velocity_z[b.first + v] = static_cast<float>(to.z());
     };
-    const bool free = all_free(b, vertices);
-    const Vec3d mean = free ? mean_of(b, vertices, velocity) : Vec3d(Vec3d::Zero());
-    for (const uint32_t v : vertices) set(v, mean + double{share[v]} * (velocity(v) - mean));
-    if (!free) return;
+    if (!all_free(b, vertices)) {
+        for (const uint32_t v : vertices) set(v, double{scratch.share[v]} * velocity(v));
+        return;
+    }
+    const Vec3d centre = mean_of(b, vertices, [&](uint32_t v) { return at(b.offset()[v]); }), mean = mean_of(b, vertices, velocity);
+    const auto arm = [&](uint32_t v) -> Vec3d { return at(b.offset()[v]) - centre; };
+    Vec3d momentum = Vec3d::Zero();  // about the centre that they have after
+    for (const uint32_t v : vertices) momentum += (at(scratch.reached[v]) - centre).cross(velocity(v)) / double{b.start[v].w};
+    const Vec3d spin = spin_with(b, vertices, arm, momentum);
+    for (const uint32_t v : vertices) {
+        const Vec3d along = mean + spin.cross(arm(v));
+        set(v, along + double{scratch.share[v]} * (velocity(v) - along));
+    }
     const Vec3d lost = mean - mean_of(b, vertices, velocity);
-    for (const uint32_t v : vertices) set(v, velocity(v) + lost);
+    for (const uint32_t v : vertices) momentum -= arm(v).cross(velocity(v)) / double{b.start[v].w};
+    const Vec3d lost_spin = spin_with(b, vertices, arm, momentum);
+    for (const uint32_t v : vertices) set(v, velocity(v) + lost + lost_spin.cross(arm(v)));
 }
 
 void hold_every_vertex(const CrossedBody& b, HeldSurfacesScratch& scratch) {
@@ -140,15 +186,35 @@ void hold_all(const CrossedBody& b, HeldSurfacesScratch& scratch) {
     hold_every_vertex(b, scratch);
     std::copy(b.start.begin(), b.start.end(), b.offset());
     scratch.share.assign(b.start.size(), 0);
-    slow_down(b, scratch.vertex, scratch.share);
+    slow_down(b, scratch.vertex, scratch);
 }
 
-// Returns whether nothing crosses.
-bool hold_parts(const CrossedBody& b, double part, HeldSurfacesScratch& scratch) {
-    const auto crosses = [&] {
+std::array<uint32_t, 2> in_order(const std::array<uint32_t, 2>& pair) { return {std::min(pair[0], pair[1]), std::max(pair[0], pair[1])}; }
+
+// Whether a pair of faces may cross at the end of a pass: it did at its start, or both faces are beside contours of then.
+bool may_cross(const CrossedBody& b, const HeldSurfacesScratch& scratch, const std::array<uint32_t, 2>& pair) {
+    if (std::ranges::binary_search(scratch.start_pairs, in_order(pair))) return true;
+    return !scratch.strict && std::ranges::all_of(pair, [&](uint32_t t) {
+        return std::ranges::any_of(b.mesh.triangle[t], [&](uint32_t v) { return scratch.beside[v] != 0; });
+    });
+}
+
+// Finds the faces that cross and should not. Returns whether there are any.
+bool find_new_crossings(const CrossedBody& b, HeldSurfacesScratch& scratch) {
+    if (!scratch.tangled) {
         find_crossing_faces(b.mesh.triangle, b.offset(), scratch.crossing, scratch.faces);
         return !scratch.faces.empty();
-    };
+    }
+    find_crossing_pairs(b.mesh.triangle, b.offset(), scratch.crossing, scratch.pairs);
+    scratch.faces.clear();
+    for (const auto& pair : scratch.pairs)
+        if (!may_cross(b, scratch, pair)) scratch.faces.push_back(pair[0]), scratch.faces.push_back(pair[1]);
+    return !scratch.faces.empty();
+}
+
+// Returns whether nothing crosses that should not.
+bool hold_parts(const CrossedBody& b, double part, HeldSurfacesScratch& scratch) {
+    const auto crosses = [&] { return find_new_crossings(b, scratch); };
     scratch.held.assign(b.start.size(), 0);
     scratch.share.assign(b.start.size(), 1);
     scratch.vertex.clear();
@@ -161,7 +227,7 @@ bool hold_parts(const CrossedBody& b, double part, HeldSurfacesScratch& scratch)
         put_back(b, part, scratch);
         crossed = crosses();
     }
-    slow_down(b, scratch.vertex, scratch.share);
+    slow_down(b, scratch.vertex, scratch);
     return !crossed;
 }
 
@@ -184,6 +250,15 @@ void hold_body(const EnergyInputs& inputs, const CrossedBody& b, HeldSurfacesScr
     hold_all(b, scratch);
 }
 
+// Notes what crossed at the start of the pass. Returns the number of pairs of faces.
+size_t note_tangle(const CrossedBody& b, HeldSurfacesScratch& scratch) {
+    find_crossing_pairs(b.mesh.triangle, b.start.data(), scratch.crossing, scratch.start_pairs);
+    for (auto& pair : scratch.start_pairs) pair = in_order(pair);
+    std::ranges::sort(scratch.start_pairs);
+    mark_beside(b.mesh.triangle, scratch.start_pairs, b.mesh.position.size(), scratch.ring, scratch.beside);
+    return scratch.start_pairs.size();
+}
+
 }  // namespace
 
 void note_start(const Surfaces& s, const Springs& springs, const Sleep& sleep, SelfContactStart& start) {
@@ -203,17 +278,25 @@ void note_start(const Surfaces& s, const Springs& springs, const Sleep& sleep, S
 
 void hold_surfaces(const SelfContactStart& start, const Meshes& meshes, const EnergyInputs& inputs, bool account_energy,
                    HeldSurfacesScratch& scratch, HeldSurfacesState state) {
+    scratch.before = state.crossed;
+    state.crossed.body.clear(), state.crossed.other.clear();
     for (size_t i = 0; i < start.body.size(); ++i) {
         const uint32_t body = start.body[i];
         const Range range = start.particles[i];
         const CrossedBody b{body, mesh_view(meshes, inputs.bodies.mesh[body]), std::span(start.offset).subspan(range.first, range.count),
                             state.particles, inputs.bodies.particles[body].first};
-        if (count_crossing_faces(b.mesh.triangle, b.offset(), scratch.crossing) == 0) continue;
-        if (count_crossing_faces(b.mesh.triangle, b.start.data(), scratch.crossing) > 0) continue;
-        const double before = account_energy ? energy_of(inputs, body, scratch.energy) : 0;
+        bool before = false;
+        for (size_t k = 0; k < scratch.before.body.size(); ++k) before |= scratch.before.body[k] == body && scratch.before.other[k] == body;
+        const uint64_t crossings = count_crossing_faces(b.mesh.triangle, b.offset(), scratch.crossing);
+        if (crossings == 0 && !before) continue;
+        const uint64_t at_start = count_crossing_faces(b.mesh.triangle, b.start.data(), scratch.crossing) > 0 ? note_tangle(b, scratch) : 0;
+        scratch.tangled = at_start > 0, scratch.strict = crossings > at_start;
+        if (scratch.tangled) state.crossed.body.push_back(body), state.crossed.other.push_back(body);
+        if (crossings == 0 || !find_new_crossings(b, scratch)) continue;
+        const double energy = account_energy ? energy_of(inputs, body, scratch.energy) : 0;
         hold_body(inputs, b, scratch);
         state.report.held_vertices += std::ranges::count_if(scratch.vertex, [&](uint32_t v) { return scratch.share[v] < 1; });
-        if (account_energy) state.energy.work_numeric += energy_of(inputs, body, scratch.energy) - before;
+        if (account_energy) state.energy.work_numeric += energy_of(inputs, body, scratch.energy) - energy;
     }
 }
 

@@ -12,6 +12,10 @@ namespace trocar {
 struct HeldSurfacesScratch {
     CrossingFacesScratch crossing;
     std::vector<uint32_t> faces;   // that cross
+    std::vector<std::array<uint32_t, 2>> pairs, start_pairs;  // of faces that cross; at the start of the pass, ascending
+    std::vector<uint8_t> ring, beside;                        // per vertex, of those
+    CrossedSurfaces before;
+    bool tangled = false, strict = false;                     // some crossed at the start; none may that did not
     std::vector<Float4> reached;   // m, of the body's particles at the end of the pass
     std::array<std::vector<float>, 3> velocity;  // m/s, at the end of the pass
     std::vector<uint8_t> held;     // per vertex
@@ -31,12 +35,13 @@ struct HeldSurfacesState {
     Particles& particles;
     Energy& energy;
     Report& report;
+    CrossedSurfaces& crossed;  // set to the bodies that are left crossing themselves
 };
 
 // Holds back what would cross itself. Promise: a surface that crossed itself nowhere at the start of a pass (count_crossing_faces, exact)
 // does not at its end. Proof: the positions that are left at the end have been counted, and crossed nowhere, or are those of the start.
 //
-// The vertices of crossing faces and of those around them keep as much of their displacement, relative to the mean of all that are held,
+// The vertices of crossing faces and of those around them keep as much of their displacement, relative to the rigid motion of all that are held,
 // as leaves them within their free path: 0.49 of the distance, at the start of the pass, to the nearest part of the surface that shares no
 // vertex with what they are a corner of. Where that still crosses, more are held, ring by ring, and in the end all vertices of the body.
 // Then nothing can have met: two surfaces first meet where a vertex comes to a triangle or an edge to an edge without a common
@@ -44,8 +49,9 @@ struct HeldSurfacesState {
 // goes on from pass to pass, however near. (Bounds per vertex as in offset geometric contact: Chen, Hsu, Liu, Macklin, Yang and Yuksel,
 // 2025.) Positions in floats, folded flat to their rounding, may miss that: then, or if
 // holding a part would add energy by stretching what is around it, all goes back to where it started.
-// Velocities relative to the mean of what is held keep the same share, which keeps momentum unless one is fixed; the energy that is lost is
-// booked as work_numeric. A surface that crossed itself at the start is left to its contacts.
+// Velocities relative to the rigid motion of what is held keep the same share, and that motion is adapted, which keeps linear and angular
+// momentum unless one is fixed; the energy that is lost is booked as work_numeric. Of a surface that crossed itself at the start, what
+// crosses anew away from the contours is held, and if more crosses than at the start, all that crosses anew; the rest is left to untangle.
 void hold_surfaces(const SelfContactStart& start, const Meshes& meshes, const EnergyInputs& inputs, bool account_energy,
                    HeldSurfacesScratch& scratch, HeldSurfacesState state);
 

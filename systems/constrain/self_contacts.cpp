@@ -12,13 +12,14 @@
 namespace trocar {
 namespace {
 
-constexpr double kFarthest = 0.75;     // of a mean edge: displacement of a pass that is looked ahead at most
-constexpr double kLookAhead = 0.5;     // of a mean edge, added to the reach of a look; by trial
-constexpr double kAbove = 0.5;         // cosine to a triangle's normal of what is above the triangle
-constexpr double kCrossing = 0.05;     // sine between edges whose contact is not left to their ends
-constexpr double kBeside = 1e-3;       // cosine, by which the nearest point may be beside a feature
-constexpr double kDeepestWarm = 5e-5;   // m, deeper contacts get no warm start: see contact_memory.cpp
-constexpr double kLeastGap = 1e-9;      // m, of vertices that coincide at rest
+constexpr double kFarthest = 0.75;            // of a mean edge: displacement of a pass that is looked ahead at most
+constexpr double kLookAhead = 0.5;            // of a mean edge, added to the reach of a look; by trial
+constexpr double kAbove = 0.5;                // cosine to a triangle's normal of what is above the triangle
+constexpr double kCrossing = 0.05;            // sine between edges whose contact is not left to their ends
+constexpr double kBeside = 1e-3;              // cosine, by which the nearest point may be beside a feature
+constexpr double kSteep = 0.1;                // sine, by which a surface may go on against the normal of its contact
+constexpr double kDeepestWarm = 5e-5;         // m, deeper contacts get no warm start: see contact_memory.cpp
+constexpr double kLeastGap = 1e-9;            // m, of vertices that coincide at rest
 constexpr uint32_t kMeasuredPerChunk = 2048;  // pairs, mostly not near ones
 
 // One body or two whose parts may touch, at present.
@@ -30,13 +31,12 @@ struct NearSurfaces {
     Vec3d shift;        // m, from the frame of the first's offsets to that of the second's
     double gap, reach;  // m; of the pass, for every pair
     double near;        // m, without velocities
+    bool keeps_sides;   // pairs keep the sides on which they came near
     double period;      // s
 
     bool itself() const { return body == other; }
     Vec3d point(uint32_t v) const { return {position[v].x, position[v].y, position[v].z}; }
-    Vec3d other_point(uint32_t v) const {
-        return Vec3d(other_position[v].x, other_position[v].y, other_position[v].z) + shift;
-    }
+    Vec3d other_point(uint32_t v) const { return Vec3d(other_position[v].x, other_position[v].y, other_position[v].z) + shift; }
     Vec3d velocity(uint32_t of, uint32_t v) const {
         const uint32_t i = s.bodies.particles[of].first + v;
         return {s.particles.velocity_x[i], s.particles.velocity_y[i], s.particles.velocity_z[i]};
@@ -61,7 +61,8 @@ Vec3d mean_velocity(const NearSurfaces& n, uint32_t body) {
 double displacement_since(std::span<const Float4> before, const Float4* now, bool relative) {
     Vec3d mean = Vec3d::Zero();
     const auto moved = [&](size_t v) {
-        return Vec3d(double{now[v].x} - double{before[v].x}, double{now[v].y} - double{before[v].y}, double{now[v].z} - double{before[v].z});
+        return Vec3d(double{now[v].x} - double{before[v].x}, double{now[v].y} - double{before[v].y},
+                     double{now[v].z} - double{before[v].z});
     };
     if (relative) {
         for (size_t v = 0; v < before.size(); ++v) mean += moved(v);
@@ -163,7 +164,8 @@ bool is_nearest_there(const NearSurfaces& n, uint32_t t, Feature feature, const 
         const uint32_t neighbour = n.other_mesh.neighbour[t][k];
         if (neighbour >= n.other_mesh.triangle.size()) return true;
         const Triangle& u = n.other_mesh.triangle[neighbour];
-        return t < neighbour && std::ranges::all_of(u, [&](uint32_t v) { return v == corner[k] || v == corner[(k + 1) % 3] || is_away(v); });
+        return t < neighbour &&
+               std::ranges::all_of(u, [&](uint32_t v) { return v == corner[k] || v == corner[(k + 1) % 3] || is_away(v); });
     }
     const uint32_t at = corner[static_cast<uint32_t>(feature)];
     for (uint32_t i = n.other_mesh.incident_first[at]; i < n.other_mesh.incident_first[at + 1]; ++i) {
@@ -186,6 +188,18 @@ bool is_rim(const MeshView& mesh, uint32_t t, Feature feature) {
                 return true;
     }
     return false;
+}
+
+// Whether a vertex is what its surface reaches farthest with against a direction, nearly. Only such a vertex can touch a corner or an
+// edge along it: a normal of contact is in the normal cones of both sides (Moreau). Others touch faces, or edges touch.
+bool is_farthest(const NearSurfaces& n, uint32_t vertex, const Vec3d& normal) {
+    const Vec3d at = n.point(vertex);
+    for (uint32_t i = n.mesh.incident_first[vertex]; i < n.mesh.incident_first[vertex + 1]; ++i)
+        for (const uint32_t v : n.mesh.triangle[n.mesh.incident[i]]) {
+            const Vec3d side = n.point(v) - at;
+            if (normal.dot(side) < -kSteep * side.norm()) return false;
+        }
+    return true;
 }
 
 // The distance below which a pair is a constraint, from the relative velocity of its points.
@@ -211,13 +225,13 @@ SelfContactPair measure_vertex(const NearSurfaces& n, const SelfContacts& before
     if (!face.allFinite() || !(on_face || std::abs(height) > kAbove * distance || distance == 0)) return pair;
     pair.kept = true;
     const uint32_t index = find_before(before, of_pair, false, pair.feature);
-    const bool keeps_side = index != kNone && (on_face || !is_rim(n.other_mesh, t, found.feature));
+    const bool keeps_side = index != kNone && n.keeps_sides && (on_face || !is_rim(n.other_mesh, t, found.feature));
     pair.positive = keeps_side ? before.positive[index] != 0 : height >= 0;
     pair.turned = pair.positive != (height >= 0);
     const Vec3d side = pair.positive ? face : Vec3d(-face);
     if (on_face || pair.turned || distance == 0)
         pair.normal = side;
-    else if (is_nearest_there(n, t, found.feature, p - closest, closest))
+    else if (is_nearest_there(n, t, found.feature, p - closest, closest) && is_farthest(n, vertex, (p - closest) / distance))
         pair.normal = (p - closest) / distance;
     else
         return pair;
@@ -228,7 +242,8 @@ SelfContactPair measure_vertex(const NearSurfaces& n, const SelfContacts& before
     if (n.itself()) {
         const Triangle& r = n.other_mesh.triangle[t];
         const auto rest = [&](size_t k) { return n.mesh.position[r[k]]; };
-        pair.gap = std::min(pair.gap, std::sqrt(closest_point_on_triangle(n.mesh.position[vertex], rest(0), rest(1), rest(2)).squared_distance));
+        pair.gap =
+            std::min(pair.gap, std::sqrt(closest_point_on_triangle(n.mesh.position[vertex], rest(0), rest(1), rest(2)).squared_distance));
     }
     pair.distance = (pair.turned ? -std::abs(height) : distance) - pair.gap;
     pair.acts = comes_near(n, pair);
@@ -262,8 +277,11 @@ SelfContactPair measure_edges(const NearSurfaces& n, const SelfContacts& before,
         return pair;
     pair.kept = true;
     const uint32_t index = find_before(before, of_pair, true, pair.feature);
-    pair.positive = index != kNone ? before.positive[index] != 0 : height >= 0;
-    pair.turned = pair.positive != (height >= 0);
+    // the sign of the height also changes where edges that are apart turn past parallel: the direction does not
+    const bool above = height >= 0,
+               same = index == kNone || !n.keeps_sides || before.normal[index].dot(height >= 0 ? normal : Vec3d(-normal)) >= 0;
+    pair.positive = above == same;
+    pair.turned = !same;
     pair.normal = pair.positive ? normal : Vec3d(-normal);
     if (index != kNone) pair.force = before.force[index];
     const auto& sides = n.other_mesh.edge_triangle[other_edge];
@@ -290,11 +308,13 @@ void append_pair(uint32_t body, uint32_t other, const SelfContactPair& pair, Sel
     to.feature.push_back(pair.feature);
     to.edges.push_back(pair.edges);
     to.positive.push_back(pair.positive);
+    to.normal.push_back(pair.normal);
     to.constraint.push_back(kNone);
     to.force.push_back(pair.force);
 }
 
-void write_constraint(const Bodies& bodies, uint32_t body, uint32_t other, const SelfContactPair& pair, uint32_t at, ContactConstraints& c) {
+void write_constraint(const Bodies& bodies, uint32_t body, uint32_t other, const SelfContactPair& pair, uint32_t at,
+                      ContactConstraints& c) {
     c.contact[at] = kNone;
     c.body[at] = body, c.other[at] = other;
     c.vertex[at] = pair.vertex, c.along[at] = pair.along;
@@ -304,6 +324,16 @@ void write_constraint(const Bodies& bodies, uint32_t body, uint32_t other, const
     c.friction[at] = static_cast<float>(std::max(bodies.tissue[body].friction, bodies.tissue[other].friction));
     c.warm_start[at] = pair.distance < -kDeepestWarm ? Vec3d(Vec3d::Zero()) : pair.force;
     c.gap[at] = std::max(pair.gap, kLeastGap);
+}
+
+// A sheet that touches itself is a slab of its thickness, with which it also touches others; see write_constraint for its own contacts.
+void keep_half_thickness(const Surfaces& s, ContactConstraints& c) {
+    const Bodies& b = s.bodies;
+    const auto half = [&](uint32_t body) {
+        return s.meshes.info[b.mesh[body]].admission == Admission::kSheet ? 0.5 * b.thickness[body] : 0.0;
+    };
+    for (size_t i = 0; i < c.body.size(); ++i)
+        if (self_contact_of(b, c.body[i]) > 0) c.gap[i] = half(c.body[i]) + half(c.other[i]);
 }
 
 void clear_pairs(SelfContacts& contacts) {
@@ -321,7 +351,8 @@ void find_bodies(const SelfContactPass& pass, const SelfContacts& before, std::v
             pairs.push_back({a, b}), pairs.push_back({b, a});
     for (uint32_t i = 0; i < before.body.size(); ++i) {
         const std::array<uint32_t, 2> both{before.body[i], before.other[i]};
-        if (both[0] != both[1] && is_asleep(pass.sleep, both[0]) && is_asleep(pass.sleep, both[1]) && (pairs.empty() || pairs.back() != both))
+        if (both[0] != both[1] && is_asleep(pass.sleep, both[0]) && is_asleep(pass.sleep, both[1]) &&
+            (pairs.empty() || pairs.back() != both))
             pairs.push_back(both);
     }
     std::sort(pairs.begin(), pairs.end());
@@ -351,6 +382,7 @@ NearSurfaces surfaces_near(const SelfContactPass& pass, uint32_t body, uint32_t 
                    body == other ? b.self_contact[body] : 0.5 * (b.thickness[body] + b.thickness[other]),
                    0,
                    0,
+                   true,
                    pass.period};
     const double edge = std::max(n.mesh.info->mean_edge, n.other_mesh.info->mean_edge);
     n.near = least_drift_bound(edge) + pass.fall;
@@ -363,9 +395,42 @@ NearSurfaces surfaces_near(const SelfContactPass& pass, uint32_t body, uint32_t 
     return n;
 }
 
+bool have_crossed(const SelfContactPass& pass, uint32_t body, uint32_t other) {
+    const uint32_t low = std::min(body, other), high = std::max(body, other);
+    for (size_t i = 0; i < pass.crossed.body.size(); ++i)
+        if (pass.crossed.body[i] == low && pass.crossed.other[i] == high) return true;
+    return false;
+}
+
+// Whether hold_surfaces keeps a surface from crossing itself: then no vertex has gone through a triangle from one pass to the next, but
+// it may have gone around a fold, and is on the right side wherever it is.
+bool is_held_back(const SelfContactPass& pass, uint32_t body, uint32_t other) {
+    return body == other && pass.springs.info[pass.surfaces.bodies.mesh[body]].skin == 0;
+}
+
+// Marks the vertices beside the contours where a pair of bodies crosses.
+void mark_contours(const SelfContactPass& pass, const NearSurfaces& n, SelfContactScratch& s) {
+    put_side_by_side(pass.surfaces, n.body, n.other, offsets_of(pass.surfaces, n.body), offsets_of(pass.surfaces, n.other), s.surface);
+    find_crossing_pairs(s.surface.triangle, s.surface.position.data(), s.crossing, s.crossing_pairs);
+    mark_beside(s.surface.triangle, s.crossing_pairs, s.surface.position.size(), s.ring, s.beside);
+}
+
+// Whether both features of a pair are beside a contour.
+bool is_beside_contour(const NearSurfaces& n, const SelfContactScratch& s, const SelfContactPair& pair) {
+    const uint32_t shift = n.itself() ? 0 : s.surface.vertices;
+    const auto& t = pair.triangle;
+    return (s.beside[pair.vertex[0]] || s.beside[pair.vertex[1]]) &&
+           (s.beside[shift + t[0]] || s.beside[shift + t[1]] || s.beside[shift + t[2]]);
+}
+
 FacingSurfaces facing(const NearSurfaces& n, const FeatureTrees& trees, const FeatureTrees& other_trees) {
     const auto shift = [&](int k) { return static_cast<float>(n.shift[k]); };
-    return {n.other_mesh.triangle, n.mesh.edge,  n.other_mesh.edge, n.position, n.other_position, {shift(0), shift(1), shift(2)},
+    return {n.other_mesh.triangle,
+            n.mesh.edge,
+            n.other_mesh.edge,
+            n.position,
+            n.other_position,
+            {shift(0), shift(1), shift(2)},
             std::max(trees.longest, other_trees.longest)};
 }
 
@@ -408,6 +473,7 @@ void keep_as_they_are(const SelfContacts& before, Range of_pair, SelfContacts& c
     for (uint32_t i = of_pair.first; i < of_pair.end(); ++i) {
         SelfContactPair pair;
         pair.feature = before.feature[i], pair.edges = before.edges[i] != 0, pair.positive = before.positive[i] != 0;
+        pair.normal = before.normal[i];
         pair.force = before.force[i];
         append_pair(before.body[i], before.other[i], pair, contacts);
     }
@@ -423,6 +489,7 @@ void find_self_contacts(const SelfContactPass& pass, SelfContactScratch& scratch
     clear_pairs(contacts);
     if (pass.first) resize_constraints(constraints, 0), constraints.warm_start.clear();
     constraints.gap.assign(constraints.body.size(), 0);
+    keep_half_thickness(pass.surfaces, constraints);
     find_bodies(pass, before, scratch.pair);
     if (scratch.look.size() < scratch.pair.size()) scratch.look.resize(scratch.pair.size());
     if (scratch.trees.size() < bodies.mesh.size()) scratch.trees.resize(bodies.mesh.size());
@@ -435,12 +502,18 @@ void find_self_contacts(const SelfContactPass& pass, SelfContactScratch& scratch
             keep_as_they_are(before, of_pair, contacts);
             continue;
         }
-        const NearSurfaces n = surfaces_near(pass, body, other, report);
+        NearSurfaces n = surfaces_near(pass, body, other, report);
+        const bool crossed = have_crossed(pass, body, other);
+        n.keeps_sides = !crossed && !is_held_back(pass, body, other);
         look(n, kLookAhead * std::max(n.mesh.info->mean_edge, n.other_mesh.info->mean_edge), scratch, scratch.look[i]);
-        const uint32_t chunks = measure(n, scratch.look[i].near, facing(n, scratch.trees[body], scratch.trees[other]), before, of_pair,
-                                        scratch.measured);
+        const uint32_t chunks =
+            measure(n, scratch.look[i].near, facing(n, scratch.trees[body], scratch.trees[other]), before, of_pair, scratch.measured);
         const auto measured = std::span(scratch.measured).first(chunks);
         const uint32_t first = static_cast<uint32_t>(constraints.body.size());
+        if (crossed) {
+            mark_contours(pass, n, scratch);
+            for (auto& chunk : measured) std::erase_if(chunk, [&](const SelfContactPair& p) { return is_beside_contour(n, scratch, p); });
+        }
         uint32_t acting = 0;
         for (const auto& chunk : measured)
             acting += static_cast<uint32_t>(std::ranges::count_if(chunk, [](const SelfContactPair& p) { return p.acts; }));

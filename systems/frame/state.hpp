@@ -11,6 +11,7 @@
 #include "systems/advance/held_surfaces.hpp"
 #include "systems/advance/islands.hpp"
 #include "systems/advance/parting_bodies.hpp"
+#include "systems/advance/untangle.hpp"
 #include "systems/constrain/contact_constraints.hpp"
 #include "systems/constrain/contact_memory.hpp"
 #include "systems/constrain/culled_constraints.hpp"
@@ -88,6 +89,7 @@ struct FrameScratch {
     RedundantConstraintsScratch redundant_constraints;
     SelfContactScratch self_contacts;
     HeldSurfacesScratch held_surfaces;
+    UntangleScratch untangle;
     IslandsScratch islands;
     LocalContactScratch local_contact;
     Poses foreseen;  // of foresee_paths

@@ -155,7 +155,7 @@ bool any_pair(const World& w) {
 }
 void self_contacts(World& w, FrameState& f) {
     const double period = period_seconds(w);
-    find_self_contacts({period, fall_in_period(w.settings.gravity, period), surfaces_of(w), w.pairs, w.sleep, !any_pair(w)},
+    find_self_contacts({period, fall_in_period(w.settings.gravity, period), surfaces_of(w), w.pairs, w.springs, w.sleep, w.crossed_surfaces, !any_pair(w)},
                        f.scratch.self_contacts, w.report, w.self_contacts, w.contact_constraints);
     note_start(surfaces_of(w), w.springs, w.sleep, w.self_contact_start);
 }
@@ -224,8 +224,13 @@ void passed_surfaces(World& w, FrameState& f) {
 void contact_memory(World& w, FrameState&) { remember_contacts(w.contact_constraints, w.contact_memory); }
 void self_contact_forces(World& w, FrameState&) { remember_self_contacts(w.contact_constraints, w.self_contacts); }
 void held_surfaces(World& w, FrameState& f) {
+    f.scratch.untangle.before = w.crossed_surfaces;
     hold_surfaces(w.self_contact_start, w.meshes, energy_inputs(w), f.options.account_energy, f.scratch.held_surfaces,
-                  {w.particles, w.energy, w.report});
+                  {w.particles, w.energy, w.report, w.crossed_surfaces});
+    const Surfaces surfaces = surfaces_of(w);
+    const EnergyInputs energy = energy_inputs(w);
+    untangle({surfaces, w.pairs, w.sleep, energy, f.options.account_energy, w.self_contact_start, f.scratch.untangle.before}, f.scratch.untangle, w.particles, w.energy, w.report,
+             w.crossed_surfaces);
 }
 void link_forces(World& w, FrameState&) {
     note_link_forces(period_seconds(w), w.haptics.tool, w.haptics.jaw, w.actions, w.links, w.action_state, w.haptics.state);
@@ -402,7 +407,7 @@ constexpr FrameStage kStages[] = {
         mask(R::kContactConstraints)}, any_pair},
     {S::kWarmStart,       P::kDetection,{"warm start",      run<stages::warm_start>,        mask(R::kContactMemory, R::kMemoryOrder),
         mask(R::kContactConstraints)}, any_pair},
-    {S::kSelfContacts,    P::kDetection,{"self-contacts",   run<stages::self_contacts>,     kShapes | mask(R::kSettings, R::kSprings, R::kClock, R::kPairs, R::kSleep),
+    {S::kSelfContacts,    P::kDetection,{"self-contacts",   run<stages::self_contacts>,     kShapes | mask(R::kSettings, R::kSprings, R::kClock, R::kPairs, R::kSleep, R::kCrossedSurfaces),
         mask(R::kSelfContacts, R::kSelfContactStart, R::kContactConstraints, R::kReport)}, any_self_contact},
     {S::kIslands,         P::kDetection,{"islands",         run<stages::islands>,           mask(R::kBodies, R::kContactConstraints, R::kJoinedBodies),
         mask(R::kIslands)}, any_mover},
@@ -426,8 +431,8 @@ constexpr FrameStage kStages[] = {
         mask(R::kContactMemory)}, any_mover},
     {S::kSelfContactForces,P::kAdvance, {"self-contact forces",run<stages::self_contact_forces>,mask(R::kContactConstraints),
         mask(R::kSelfContacts)}, any_self_contact},
-    {S::kHeldSurfaces,    P::kAdvance,  {"held surfaces",   run<stages::held_surfaces>,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kSelfContactStart, R::kActions, R::kActionState),
-        mask(R::kParticles, R::kEnergy, R::kReport)}, any_self_contact},
+    {S::kHeldSurfaces,    P::kAdvance,  {"held surfaces",   run<stages::held_surfaces>,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kSelfContactStart, R::kPairs, R::kSleep, R::kActions, R::kActionState),
+        mask(R::kParticles, R::kCrossedSurfaces, R::kEnergy, R::kReport)}, any_self_contact},
     {S::kLinkForces,      P::kAdvance,  {"link forces",     run<stages::link_forces>,       mask(R::kClock, R::kTools, R::kActions),
         mask(R::kLinks, R::kActionState, R::kToolState)}, any_link},
     {S::kHandForces,      P::kAdvance,  {"hand forces",     run<stages::hand_forces>,       mask(R::kClock, R::kTools),

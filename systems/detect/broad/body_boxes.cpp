@@ -118,7 +118,9 @@ void compute_body_box(double period, const Surfaces& s, uint32_t body, BodyBoxes
         if (!std::isfinite(speed)) speed = 0;
         mean_speed = speed;
     }
-    const double margin = displacement_bound(speed * period, mean_speed * period, info.mean_edge);
+    // a sheet that touches itself keeps half its thickness from others: find_self_contacts
+    const double own = self_contact_of(s.bodies, body) > 0 && info.admission == Admission::kSheet ? 0.5 * s.bodies.thickness[body] : 0;
+    const double margin = displacement_bound(speed * period, mean_speed * period, info.mean_edge) + own;
     const Vec3d extent = Vec3d::Constant(margin + 0.5 * s.bodies.thickness[body]);
     boxes.margin[body] = margin;
     const Box wide{s.poses.origin[body] + box.min - extent, s.poses.origin[body] + box.max + extent};
