@@ -202,7 +202,7 @@ void check_random_strokes(uint64_t first, uint64_t count, int passes) {
 }
 
 TEST(SolidCuts, RandomStrokesInAMovingBlock) { check_random_strokes(1, 2, 90); }
-TEST(SolidCuts, LongRandomStrokesInAMovingBlock) { check_random_strokes(100, 34, 180); }
+TEST(SolidCuts, LongRandomStrokesInAMovingBlock) { check_random_strokes(100, 20, 180); }
 
 // What instruments may cut has at least half the step of what they may not.
 TEST(SolidCuts, TheStepIsAtLeastHalfThatOfTheUncut) {
