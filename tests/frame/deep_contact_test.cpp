@@ -207,9 +207,9 @@ TEST(DeepOverlap, BallShotIntoAPlateLeavesWhereItCameFrom) {
     }
 }
 
-// Two equal balls start past each other's centres, without a stored direction: the shortest translations of
-// single points would draw them together; this mode takes the shortest translation that surely separates the
-// bodies.
+// Two equal balls start past each other's centres, without a stored direction: the shortest translations of single points
+// would draw them together. `last_free` takes the shortest translation that surely separates the bodies; without it a soft body
+// that nothing holds is moved out as it is.
 TEST(DeepOverlap, BallsThatStartPastTheirCentresArePartedTheShortWay) {
     for (const DeepResponse deep : {DeepResponse::kLastFree, DeepResponse::kNone}) {
         const double radius = 0.01, apart = 0.3 * radius;
@@ -217,12 +217,8 @@ TEST(DeepOverlap, BallsThatStartPastTheirCentresArePartedTheShortWay) {
         w.settings.contact.deep = deep;
         run(std::move(w), 120, [&](const World& after) {
             const double left = std::max(deepest_of_faces(after, 0, 1, 2), deepest_of_faces(after, 1, 0, 2));
-            if (deep == DeepResponse::kLastFree) {
-                EXPECT_LT(left, kTolerance);
-                EXPECT_GT(middle_z(after, 1), 1.9 * radius) << "on the side where it was";
-            } else {
-                EXPECT_LT(std::abs(middle_z(after, 1)), 0.1 * radius) << "the mode is not what helps: drawn into one place";
-            }
+            EXPECT_LT(left, kTolerance);
+            EXPECT_GT(middle_z(after, 1), 1.9 * radius) << "on the side where it was";
         });
     }
 }
