@@ -120,15 +120,24 @@ void measure_free_paths(const CrossedBody& b, HeldSurfacesScratch& scratch) {
     }
 }
 
-// Leaves the held vertices within their free paths, those times `part`, from where they were, moved along rigidly with all that are held.
-void put_back(const CrossedBody& b, double part, HeldSurfacesScratch& scratch) {
+// How vertices are held.
+struct Attempt {
+    bool turn;    // what is held may turn as a rigid body; otherwise it only shifts
+    double part;  // of the free paths; 0: the whole body goes back to where it started
+};
+// In this order: the first that adds no energy is taken, or else that which adds least. A patch that turns keeps its angular momentum, but
+// where a body is pressed from outside, as by what it is linked to, that may stretch it more than a shift does.
+constexpr Attempt kAttempts[] = {{true, 1.0}, {true, 0.25}, {false, 1.0}, {false, 0.25}, {true, 0}, {false, 0}};
+
+// Leaves the held vertices within their free paths, those times a part, from where they were, moved along rigidly with all that are held.
+void put_back(const CrossedBody& b, const Attempt& attempt, HeldSurfacesScratch& scratch) {
     const std::span<const uint32_t> held = scratch.vertex;
     const bool free = all_free(b, held);
     const Vec3d from = free ? mean_of(b, held, [&](uint32_t v) { return at(b.start[v]); }) : Vec3d(Vec3d::Zero());
     const Vec3d to = free ? mean_of(b, held, [&](uint32_t v) { return at(scratch.reached[v]); }) : from;
     const auto arm = [&](uint32_t v) -> Vec3d { return at(b.start[v]) - from; };
     Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
-    if (free) {
+    if (free && attempt.turn) {
         Vec3d momentum = Vec3d::Zero();  // of the displacements
         for (const uint32_t v : held) momentum += arm(v).cross(at(scratch.reached[v]) - to) / double{b.start[v].w};
         const Vec3d spin = spin_with(b, held, arm, momentum);
@@ -136,7 +145,7 @@ void put_back(const CrossedBody& b, double part, HeldSurfacesScratch& scratch) {
     }
     for (const uint32_t v : held) {
         const Vec3d along = to + turn * arm(v), own = at(scratch.reached[v]) - along;
-        const double size = own.norm(), most = part * double{scratch.free_path[v]}, share = size <= most ? 1.0 : most / size;
+        const double size = own.norm(), most = attempt.part * double{scratch.free_path[v]}, share = size <= most ? 1.0 : most / size;
         const Vec3d place = along + share * own;
         Float4& p = b.offset()[v];
         p.x = static_cast<float>(place.x()), p.y = static_cast<float>(place.y()), p.z = static_cast<float>(place.z());
@@ -146,7 +155,7 @@ void put_back(const CrossedBody& b, double part, HeldSurfacesScratch& scratch) {
 
 // Velocities of vertices, relative to their common rigid motion, times their shares. If all are free, linear momentum is kept, and
 // angular momentum with the places before (scratch.reached) and after.
-void slow_down(const CrossedBody& b, std::span<const uint32_t> vertices, const HeldSurfacesScratch& scratch) {
+void slow_down(const CrossedBody& b, std::span<const uint32_t> vertices, bool turn, const HeldSurfacesScratch& scratch) {
     if (vertices.empty()) return;
     Particles& p = b.particles;
     const auto velocity = [&](uint32_t v) {
@@ -163,6 +172,12 @@ void slow_down(const CrossedBody& b, std::span<const uint32_t> vertices, const H
     }
     const Vec3d centre = mean_of(b, vertices, [&](uint32_t v) { return at(b.offset()[v]); }), mean = mean_of(b, vertices, velocity);
     const auto arm = [&](uint32_t v) -> Vec3d { return at(b.offset()[v]) - centre; };
+    if (!turn) {
+        for (const uint32_t v : vertices) set(v, mean + double{scratch.share[v]} * (velocity(v) - mean));
+        const Vec3d lost = mean - mean_of(b, vertices, velocity);
+        for (const uint32_t v : vertices) set(v, velocity(v) + lost);
+        return;
+    }
     Vec3d momentum = Vec3d::Zero();  // about the centre that they have after
     for (const uint32_t v : vertices) momentum += (at(scratch.reached[v]) - centre).cross(velocity(v)) / double{b.start[v].w};
     const Vec3d spin = spin_with(b, vertices, arm, momentum);
@@ -182,11 +197,11 @@ void hold_every_vertex(const CrossedBody& b, HeldSurfacesScratch& scratch) {
 }
 
 // Puts the whole body back where it started.
-void hold_all(const CrossedBody& b, HeldSurfacesScratch& scratch) {
+void hold_all(const CrossedBody& b, bool turn, HeldSurfacesScratch& scratch) {
     hold_every_vertex(b, scratch);
     std::copy(b.start.begin(), b.start.end(), b.offset());
     scratch.share.assign(b.start.size(), 0);
-    slow_down(b, scratch.vertex, scratch);
+    slow_down(b, scratch.vertex, turn, scratch);
 }
 
 std::array<uint32_t, 2> in_order(const std::array<uint32_t, 2>& pair) { return {std::min(pair[0], pair[1]), std::max(pair[0], pair[1])}; }
@@ -213,7 +228,7 @@ bool find_new_crossings(const CrossedBody& b, HeldSurfacesScratch& scratch) {
 }
 
 // Returns whether nothing crosses that should not.
-bool hold_parts(const CrossedBody& b, double part, HeldSurfacesScratch& scratch) {
+bool hold_parts(const CrossedBody& b, const Attempt& attempt, HeldSurfacesScratch& scratch) {
     const auto crosses = [&] { return find_new_crossings(b, scratch); };
     scratch.held.assign(b.start.size(), 0);
     scratch.share.assign(b.start.size(), 1);
@@ -224,10 +239,10 @@ bool hold_parts(const CrossedBody& b, double part, HeldSurfacesScratch& scratch)
             hold_every_vertex(b, scratch);
         else
             hold_faces(b, scratch), hold_ring(b, scratch);
-        put_back(b, part, scratch);
+        put_back(b, attempt, scratch);
         crossed = crosses();
     }
-    slow_down(b, scratch.vertex, scratch);
+    slow_down(b, scratch.vertex, attempt.turn, scratch);
     return !crossed;
 }
 
@@ -241,13 +256,29 @@ void hold_body(const EnergyInputs& inputs, const CrossedBody& b, HeldSurfacesScr
         scratch.velocity[axis].assign(from.begin(), from.end());
     }
     measure_free_paths(b, scratch);
-    for (const double part : {1.0, 0.25}) {
+    const auto start_again = [&] {
         std::ranges::copy(scratch.reached, b.offset());
         for (size_t axis = 0; axis < 3; ++axis)
             std::ranges::copy(scratch.velocity[axis], rows(axis == 0 ? p.velocity_x : axis == 1 ? p.velocity_y : p.velocity_z).begin());
-        if (hold_parts(b, part, scratch) && energy_of(inputs, b.body, scratch.energy) <= before) return;
+    };
+    const auto hold = [&](const Attempt& attempt) {
+        start_again();
+        if (attempt.part > 0) return hold_parts(b, attempt, scratch);
+        hold_all(b, attempt.turn, scratch);
+        return true;
+    };
+    double least = std::numeric_limits<double>::infinity();
+    Attempt best{false, 0};
+    for (const Attempt& attempt : kAttempts) {
+        if (!hold(attempt)) continue;
+        const double energy = energy_of(inputs, b.body, scratch.energy);
+        if (energy <= before) return;
+        if (energy < least) least = energy, best = attempt;
     }
-    hold_all(b, scratch);
+    if (!scratch.tangled) return void(hold(best));
+    // A tangle may not be held at any price: held in every pass, it would pump energy. It crosses more, and is drawn apart.
+    start_again();
+    scratch.share.assign(b.start.size(), 1);
 }
 
 // Notes what crossed at the start of the pass. Returns the number of pairs of faces.

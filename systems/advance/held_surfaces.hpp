@@ -47,11 +47,13 @@ struct HeldSurfacesState {
 // Then nothing can have met: two surfaces first meet where a vertex comes to a triangle or an edge to an edge without a common
 // vertex, all points of one of the two have moved by less than 0.49 of their distance, and so have those of the other. What is held
 // goes on from pass to pass, however near. (Bounds per vertex as in offset geometric contact: Chen, Hsu, Liu, Macklin, Yang and Yuksel,
-// 2025.) Positions in floats, folded flat to their rounding, may miss that: then, or if
-// holding a part would add energy by stretching what is around it, all goes back to where it started.
+// 2025.) Positions in floats, folded flat to their rounding, may miss that: then all goes back to where it started. Holding a part may
+// add energy by stretching what is around it: then a quarter of the free paths is tried, then both without the turn, then the start of
+// the pass; if all add energy, as where a body is pressed from outside, that which adds least is taken.
 // Velocities relative to the rigid motion of what is held keep the same share, and that motion is adapted, which keeps linear and angular
 // momentum unless one is fixed; the energy that is lost is booked as work_numeric. Of a surface that crossed itself at the start, what
-// crosses anew away from the contours is held, and if more crosses than at the start, all that crosses anew; the rest is left to untangle.
+// crosses anew away from the contours is held, and if more crosses than at the start, all that crosses anew, unless that would add energy;
+// the rest is left to untangle.
 void hold_surfaces(const SelfContactStart& start, const Meshes& meshes, const EnergyInputs& inputs, bool account_energy,
                    HeldSurfacesScratch& scratch, HeldSurfacesState state);
 

@@ -72,22 +72,27 @@ void sum_shifts(double most, UntangleScratch& s) {
     }
 }
 
-double energy_with(const EnergyInputs& inputs, uint32_t body, uint32_t other, BodyEnergyScratch& scratch) {
+// Of the whole body or both, J.
+Energy energy_with(const EnergyInputs& inputs, uint32_t body, uint32_t other, BodyEnergyScratch& scratch) {
     Energy sum;
     add_body_energy(inputs, body, scratch, sum);
     if (other != body) add_body_energy(inputs, other, scratch, sum);
-    return sum.kinetic + sum.elastic + sum.pressure + sum.bending + sum.gravity;
+    return sum;
 }
 
-void draw_apart(const TangledSurfaces& t, uint32_t body, uint32_t other, UntangleScratch& s, Particles& particles, Energy& energy,
-                Report& report) {
+double own_energy(const Energy& e) { return e.kinetic + e.elastic + e.pressure + e.bending; }
+
+// Energy of a surface whose springs are all longer by kMostShift of a mean edge, J.
+double most_energy(const Surfaces& s, uint32_t body) {
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    const double stretch = kMostShift * mesh.info->mean_edge;
+    return 0.5 * double{s.bodies.spring_stiffness[body]} * stretch * stretch * static_cast<double>(mesh.edge.size());
+}
+
+// Moves both surfaces by their shifts.
+void add_shifts(const TangledSurfaces& t, uint32_t body, uint32_t other, const UntangleScratch& s, Particles& particles) {
     const Bodies& bodies = t.surfaces.bodies;
-    put_side_by_side(t.surfaces, body, other, offsets_of(t.surfaces, body), offsets_of(t.surfaces, other), s.surface);
     const uint32_t vertices = s.surface.vertices;
-    find_edges(s);
-    const auto edge_of = [&](uint32_t b) { return t.surfaces.meshes.info[bodies.mesh[b]].mean_edge; };
-    sum_shifts(kMostShift * std::min(edge_of(body), edge_of(other)), s);
-    const double before = t.account_energy ? energy_with(t.inputs, body, other, s.energy) : 0;
     for (uint32_t v = 0; v < s.surface.position.size(); ++v) {
         if (s.shift[v] == Vec3d::Zero()) continue;
         const uint32_t particle = v < vertices ? bodies.particles[body].first + v : bodies.particles[other].first + v - vertices;
@@ -95,8 +100,26 @@ void draw_apart(const TangledSurfaces& t, uint32_t body, uint32_t other, Untangl
         p.x = static_cast<float>(p.x + s.shift[v].x()), p.y = static_cast<float>(p.y + s.shift[v].y());
         p.z = static_cast<float>(p.z + s.shift[v].z());
     }
+}
+
+void draw_apart(const TangledSurfaces& t, uint32_t body, uint32_t other, UntangleScratch& s, Particles& particles, Energy& energy,
+                Report& report) {
+    const Bodies& bodies = t.surfaces.bodies;
+    put_side_by_side(t.surfaces, body, other, offsets_of(t.surfaces, body), offsets_of(t.surfaces, other), s.surface);
+    find_edges(s);
+    const auto edge_of = [&](uint32_t b) { return t.surfaces.meshes.info[bodies.mesh[b]].mean_edge; };
+    sum_shifts(kMostShift * std::min(edge_of(body), edge_of(other)), s);
+    const Energy before = energy_with(t.inputs, body, other, s.energy);
+    s.offset.assign(particles.offset.begin(), particles.offset.end());
+    add_shifts(t, body, other, s, particles);
+    const Energy after = energy_with(t.inputs, body, other, s.energy);
+    const double most = most_energy(t.surfaces, body) + (other != body ? most_energy(t.surfaces, other) : 0);
+    if (!(own_energy(after) <= std::max(own_energy(before), most))) {  // stays crossed
+        std::ranges::copy(s.offset, particles.offset.begin());
+        return;
+    }
     report.untangled_edges += s.edges.size();
-    if (t.account_energy) energy.work_push += energy_with(t.inputs, body, other, s.energy) - before;
+    if (t.account_energy) energy.work_push += own_energy(after) + after.gravity - own_energy(before) - before.gravity;
 }
 
 }  // namespace

@@ -26,6 +26,7 @@ struct UntangleScratch {
     std::vector<EdgeThroughFace> edges;
     std::vector<uint32_t> count;  // per vertex, of edges that move it
     std::vector<Vec3d> shift;     // m, per vertex
+    std::vector<Float4> offset;   // m, of the particles before
     BodyEnergyScratch energy;
 };
 
@@ -46,8 +47,9 @@ struct TangledSurfaces {
 // with unit vectors E along the edge, N normal to the face that is crossed and R along the contour away from the edge, by a part of
 //     R - (E.R) / (E.N) N,
 // the gradient of the contour's length. A vertex moves by a twentieth of a mean edge in a pass at most, both sides by their inverse masses,
-// so that the centre of mass stays; velocities are kept. The energy that enters by stretching is booked as work_push, and edges are counted
-// in Report::untangled_edges. What touches on both sides of a contour is left out of self-contact in the next pass. A contour that ends on
+// so that the centre of mass stays; velocities are kept. Surfaces stay where they are while moving them would bring their energy (of motion,
+// springs, pressure and bending) above what it is and above that of springs all longer by a twentieth of an edge: untangling never adds more.
+// The energy that enters by stretching is booked as work_push, and edges that move are counted in Report::untangled_edges. What touches on both sides of a contour is left out of self-contact in the next pass. A contour that ends on
 // rims at both ends, or is as long whatever moves, may stay; it is counted as crossing.
 void untangle(const TangledSurfaces& tangled, UntangleScratch& scratch, Particles& particles, Energy& energy, Report& report,
               CrossedSurfaces& crossed);
