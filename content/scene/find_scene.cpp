@@ -42,7 +42,9 @@ std::string similar_word(const std::string& word, const std::vector<std::string>
 
 fs::path find_scene(const std::string& name) {
     std::error_code error;
-    if (fs::exists(name, error) || name.find('/') != std::string::npos || name.ends_with(".toml")) return name;
+    // a folder of that name, such as one that a run wrote, hides no scene
+    const bool file_there = fs::exists(name, error) && !fs::is_directory(name, error);
+    if (file_there || name.find('/') != std::string::npos || name.ends_with(".toml")) return name;
     const fs::path file = scenes_folder() / (name + ".toml");
     if (fs::exists(file, error)) return file;
     const std::string guess = fs::is_directory(scenes_folder(), error) ? nearest(name, built_in_scenes()) : "";
