@@ -23,7 +23,7 @@ class Browser {
         this.waiting = new Map(), this.heard = [], this.last = 0;
         this.process = spawn(chromium, ['--headless', '--no-sandbox', '--remote-debugging-pipe', `--user-data-dir=${join(folder, 'profile')}`,
             '--use-angle=swiftshader', '--enable-unsafe-swiftshader', '--disable-quic', '--no-first-run', '--disable-background-networking',
-            '--disable-component-update', '--disable-sync', '--disable-dev-shm-usage', '--window-size=1200,900'], {stdio: ['ignore', 'ignore', 'ignore', 'pipe', 'pipe']});
+            '--disable-component-update', '--disable-smooth-scrolling', '--disable-sync', '--disable-dev-shm-usage', '--window-size=1200,900'], {stdio: ['ignore', 'ignore', 'ignore', 'pipe', 'pipe']});
         let text = '';
         this.process.stdio[4].setEncoding('utf8').on('data', part => {
             const messages = (text += part).split('\0');
@@ -72,6 +72,16 @@ class Browser {
     }
     get errors() {
         return this.heard.filter(m => m.method === 'Runtime.exceptionThrown' || (m.method === 'Log.entryAdded' && m.params.entry.level === 'error'));
+    }
+    // Moves the pointer over an element, and says where that is; again where the page moved meanwhile.
+    async hover(selector) {
+        for (const end = Date.now() + kPatience; Date.now() < end; await new Promise(done => setTimeout(done, 200))) {
+            const [x, y] = await this.middleOf(selector);
+            await this.move(x - 1, y);
+            await this.move(x, y);
+            if (await this.ask(`document.querySelector(${JSON.stringify(selector)}).matches(':hover')`)) return [x, y];
+        }
+        return null;
     }
     // Scrolls there and waits until the page has come to rest: a click on a plot scrolls smoothly.
     async middleOf(selector) {
