@@ -63,7 +63,7 @@ void find_parting_contacts(const AdvanceInputs& inputs, const PartingBodies& par
     const PairMemory& pairs = parting.pairs;
     const size_t count = pairs.a.size();
     scratch.left.clear();
-    scratch.way.assign(count, 0);
+    scratch.depth.assign(count, 0);
     scratch.mass.clear();
     for (size_t p = 0; p < count; ++p)
         scratch.mass.push_back({loose_mass(inputs, parting, particles, pairs.a[p]), loose_mass(inputs, parting, particles, pairs.b[p])});
@@ -78,7 +78,7 @@ void find_parting_contacts(const AdvanceInputs& inputs, const PartingBodies& par
         const size_t p = *found;
         const bool loose = scratch.mass[p][0] > 0 || scratch.mass[p][1] > 0;
         scratch.left[c] = loose, any = any || loose;
-        scratch.way[p] = std::max(scratch.way[p], -constraints.distance[c]);
+        scratch.depth[p] = std::max(scratch.depth[p], -constraints.distance[c]);
     }
     if (!any) scratch.left.clear();
 }
@@ -89,10 +89,10 @@ void part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, doubl
     scratch.shift.assign(inputs.bodies.mesh.size(), Vec3d::Zero());
     for (size_t p = 0; p < pairs.a.size(); ++p) {
         const auto [a, b] = scratch.mass[p];
-        const double length = pairs.direction[p].norm(), step = std::min({scratch.way[p], most, length});
+        const double length = pairs.direction[p].norm(), step = std::min({scratch.depth[p], most, length});
         const auto radius = [&](uint32_t body) { return inputs.meshes.info[inputs.bodies.mesh[body]].radius; };
         const bool held = a == 0 && b == 0;
-        if (held && scratch.way[p] > kMostStrain * 2 * std::min(radius(pairs.a[p]), radius(pairs.b[p]))) pairs.direction[p].setZero();
+        if (held && scratch.depth[p] > kMostStrain * 2 * std::min(radius(pairs.a[p]), radius(pairs.b[p]))) pairs.direction[p].setZero();
         if (!(step > 0)) continue;
         const Vec3d move = pairs.direction[p] * (step / length);
         pairs.direction[p] -= move;

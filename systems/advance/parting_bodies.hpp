@@ -11,7 +11,7 @@ namespace trocar {
 // Reused memory.
 struct PartingBodiesScratch {
     std::vector<uint8_t> left;                // per contact constraint: see AdvanceInputs::left
-    std::vector<double> way;                  // m, per pair: how far it has to go
+    std::vector<double> depth;                // m, per pair: of its deepest constraint
     std::vector<std::array<double, 2>> mass;  // kg, per pair, of a and b; 0 = cannot be moved as a whole
     std::vector<Vec3d> shift;                 // m, per body
 };

@@ -89,17 +89,13 @@ double most_energy(const Surfaces& s, uint32_t body) {
     return 0.5 * double{s.bodies.spring_stiffness[body]} * stretch * stretch * static_cast<double>(mesh.edge.size());
 }
 
-// Moves both surfaces by their shifts.
-void add_shifts(const TangledSurfaces& t, uint32_t body, uint32_t other, const UntangleScratch& s, Particles& particles) {
-    const Bodies& bodies = t.surfaces.bodies;
+// visit(vertex of both, its particle) for all vertices that are moved.
+template <typename Visit>
+void each_shifted(const Bodies& bodies, uint32_t body, uint32_t other, const UntangleScratch& s, const Visit& visit) {
     const uint32_t vertices = s.surface.vertices;
-    for (uint32_t v = 0; v < s.surface.position.size(); ++v) {
-        if (s.shift[v] == Vec3d::Zero()) continue;
-        const uint32_t particle = v < vertices ? bodies.particles[body].first + v : bodies.particles[other].first + v - vertices;
-        Float4& p = particles.offset[particle];
-        p.x = static_cast<float>(p.x + s.shift[v].x()), p.y = static_cast<float>(p.y + s.shift[v].y());
-        p.z = static_cast<float>(p.z + s.shift[v].z());
-    }
+    for (uint32_t v = 0; v < s.surface.position.size(); ++v)
+        if (s.shift[v] != Vec3d::Zero())
+            visit(v, v < vertices ? bodies.particles[body].first + v : bodies.particles[other].first + v - vertices);
 }
 
 void draw_apart(const TangledSurfaces& t, uint32_t body, uint32_t other, UntangleScratch& s, Particles& particles, Energy& energy,
@@ -110,12 +106,17 @@ void draw_apart(const TangledSurfaces& t, uint32_t body, uint32_t other, Untangl
     const auto edge_of = [&](uint32_t b) { return t.surfaces.meshes.info[bodies.mesh[b]].mean_edge; };
     sum_shifts(kMostShift * std::min(edge_of(body), edge_of(other)), s);
     const Energy before = energy_with(t.inputs, body, other, s.energy);
-    s.offset.assign(particles.offset.begin(), particles.offset.end());
-    add_shifts(t, body, other, s, particles);
+    s.offset.resize(s.surface.position.size());
+    each_shifted(bodies, body, other, s, [&](uint32_t v, uint32_t particle) {
+        Float4& p = particles.offset[particle];
+        s.offset[v] = p;
+        p.x = static_cast<float>(p.x + s.shift[v].x()), p.y = static_cast<float>(p.y + s.shift[v].y());
+        p.z = static_cast<float>(p.z + s.shift[v].z());
+    });
     const Energy after = energy_with(t.inputs, body, other, s.energy);
     const double most = most_energy(t.surfaces, body) + (other != body ? most_energy(t.surfaces, other) : 0);
     if (!(own_energy(after) <= std::max(own_energy(before), most))) {  // stays crossed
-        std::ranges::copy(s.offset, particles.offset.begin());
+        each_shifted(bodies, body, other, s, [&](uint32_t v, uint32_t particle) { particles.offset[particle] = s.offset[v]; });
         return;
     }
     report.untangled_edges += s.edges.size();

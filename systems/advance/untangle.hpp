@@ -26,7 +26,7 @@ struct UntangleScratch {
     std::vector<EdgeThroughFace> edges;
     std::vector<uint32_t> count;  // per vertex, of edges that move it
     std::vector<Vec3d> shift;     // m, per vertex
-    std::vector<Float4> offset;   // m, of the particles before
+    std::vector<Float4> offset;   // m, of both before, where they are moved
     BodyEnergyScratch energy;
 };
 

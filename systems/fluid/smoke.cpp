@@ -50,7 +50,7 @@ void emit(const FluidPass& pass, FluidState& state) {
         const Vec3d at = frame_to_world(pass.surfaces, pass.tools[action.tool].body, action.point);
         if (!is_burnt(pass, pass.actions.heat_body[body], at, action.reach + 2 * action.spot)) continue;
         const double mass = pass.fluids.params.smoke_yield * joules;
-        state.heat[index] += joules;
+        state.heat[index] += joules;  // an action that heats several bodies emits once
         state.smoke.emitted += mass;
         add_puff(at, mass, pass.fluids.most_puffs, state.puffs);
     }

@@ -27,7 +27,7 @@ double middle_depth(const ContactInputs& in, uint32_t body, uint32_t other) {
 }
 
 // Shortest translation of b out of the slab around a, m.
-Vec3d way_out(const ContactInputs& in, const Contacts& contacts, uint32_t pair, std::vector<Vec3d>& normals) {
+Vec3d separating_translation(const ContactInputs& in, const Contacts& contacts, uint32_t pair, std::vector<Vec3d>& normals) {
     const uint32_t a = in.pairs.a[pair], b = in.pairs.b[pair];
     normals.clear();
     const auto first = std::ranges::lower_bound(contacts.pair, pair) - contacts.pair.begin();
@@ -62,11 +62,11 @@ void find_parting_pairs(const ContactInputs& in, const Contacts& contacts, uint6
             return depth > kStartsInsideDeep * std::min(size(a), size(b));
         };
         if (known ? !(penetrations.depth[i] > in.params.tolerance) : !starts()) continue;
-        const Vec3d way = known ? before.direction[next] : Vec3d(kMostTravel * way_out(in, contacts, pair, scratch.normals));
-        if (!(way.norm() > 0)) continue;
-        memory.a.push_back(a), memory.b.push_back(b), memory.direction.push_back(way);
+        const Vec3d travel = known ? before.direction[next] : Vec3d(kMostTravel * separating_translation(in, contacts, pair, scratch.normals));
+        if (!(travel.norm() > 0)) continue;
+        memory.a.push_back(a), memory.b.push_back(b), memory.direction.push_back(travel);
         penetrations.saturated[i] = 1;
-        penetrations.separation_direction[i] = way.normalized();
+        penetrations.separation_direction[i] = travel.normalized();
         for (const uint32_t body : {a, b})
             if (!still.empty() && in.params.push_speed > 0 && joins_islands(s.bodies.motion[body])) still[body] = 0;
     }

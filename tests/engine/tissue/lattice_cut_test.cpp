@@ -78,19 +78,25 @@ size_t count_faults(const LatticePieces& pieces) {
     return faults;
 }
 
-// Of the parts that hang together by nodes, and of the surfaces between them.
-std::vector<double> volumes_by_nodes(const KuhnCube& cube, const LatticePieces& pieces) {
-    std::vector<uint32_t> parent(pieces.node_of.size());
-    std::iota(parent.begin(), parent.end(), 0u);
-    const auto root = [&](uint32_t i) {
+// Sets that are joined one by one.
+struct JoinedSets {
+    std::vector<uint32_t> parent;
+    explicit JoinedSets(size_t count) : parent(count) { std::iota(parent.begin(), parent.end(), 0u); }
+    uint32_t root(uint32_t i) const {
         while (parent[i] != i) i = parent[i];
         return i;
-    };
+    }
+    void join(uint32_t a, uint32_t b) { parent[root(a)] = root(b); }
+};
+
+// Of the parts that hang together by nodes, and of the surfaces between them.
+std::vector<double> volumes_by_nodes(const KuhnCube& cube, const LatticePieces& pieces) {
+    JoinedSets sets(pieces.node_of.size());
     for (const CutPart& p : pieces.part)
-        for (const uint32_t n : p.node) parent[root(n)] = root(p.node[0]);
+        for (const uint32_t n : p.node) sets.join(n, p.node[0]);
     std::map<uint32_t, double> volume;
     const double each = 1.0 / static_cast<double>(cube.tetrahedron.size());
-    for (const CutPart& p : pieces.part) volume[root(p.node[0])] += p.share * each;
+    for (const CutPart& p : pieces.part) volume[sets.root(p.node[0])] += p.share * each;
     std::vector<double> sorted;
     for (const auto& [r, v] : volume) sorted.push_back(v);
     std::sort(sorted.begin(), sorted.end());
@@ -98,24 +104,19 @@ std::vector<double> volumes_by_nodes(const KuhnCube& cube, const LatticePieces& 
 }
 
 std::vector<Piece> pieces_of_surface(const KuhnCube& cube, const LatticePieces& pieces) {
-    std::vector<uint32_t> parent(pieces.vertex.size());
-    std::iota(parent.begin(), parent.end(), 0u);
-    const auto root = [&](uint32_t i) {
-        while (parent[i] != i) i = parent[i];
-        return i;
-    };
+    JoinedSets sets(pieces.vertex.size());
     std::set<uint32_t> used;
     std::set<std::pair<uint32_t, uint32_t>> edges;
     for (const Triangle& t : pieces.triangle) {
-        parent[root(t[1])] = root(t[0]), parent[root(t[2])] = root(t[0]);
+        sets.join(t[1], t[0]), sets.join(t[2], t[0]);
         used.insert(t.begin(), t.end());
         for (size_t k = 0; k < 3; ++k) edges.insert(std::minmax(t[k], t[(k + 1) % 3]));
     }
     std::map<uint32_t, Piece> found;
-    for (const uint32_t v : used) ++found[root(v)].euler;
-    for (const auto& e : edges) --found[root(e.first)].euler;
+    for (const uint32_t v : used) ++found[sets.root(v)].euler;
+    for (const auto& e : edges) --found[sets.root(e.first)].euler;
     for (const Triangle& t : pieces.triangle) {
-        Piece& piece = found[root(t[0])];
+        Piece& piece = found[sets.root(t[0])];
         ++piece.euler;
         piece.volume += cube.place(pieces, t[0]).dot(cube.place(pieces, t[1]).cross(cube.place(pieces, t[2]))) / 6;
     }
@@ -199,19 +200,14 @@ TEST(LatticeCut, ThreePlanesMakeEightPieces) {
 // volumes as those of solids (engine/tissue/tet_forces.hpp), linear, with a bulk modulus of `bulk` times the springs'.
 double energy_when_moved(const KuhnCube& block, const LatticePieces& pieces, const Vec3d& move) {
     constexpr double kBulk = 3;
-    std::vector<uint32_t> parent(pieces.node_of.size());
-    std::iota(parent.begin(), parent.end(), 0u);
-    const auto root = [&](uint32_t i) {
-        while (parent[i] != i) i = parent[i];
-        return i;
-    };
+    JoinedSets sets(pieces.node_of.size());
     for (const CutPart& p : pieces.part)
-        for (const uint32_t n : p.node) parent[root(n)] = root(p.node[0]);
+        for (const uint32_t n : p.node) sets.join(n, p.node[0]);
     const auto size = static_cast<Eigen::Index>(3 * pieces.node_of.size());
     Eigen::MatrixXd k = Eigen::MatrixXd::Zero(size, size);
     const auto at = [&](uint32_t n) -> const Vec3d& { return block.rest[pieces.node_of[n]]; };
     for (const CutPart& p : pieces.part) {
-        if (root(p.node[0]) != root(0)) continue;
+        if (sets.root(p.node[0]) != sets.root(0)) continue;
         double squared = 0;
         for (int i = 0; i < 4; ++i)
             for (int j = 0; j < i; ++j) squared += (at(p.node[i]) - at(p.node[j])).squaredNorm();
@@ -233,7 +229,7 @@ double energy_when_moved(const KuhnCube& block, const LatticePieces& pieces, con
     Eigen::VectorXd moved = Eigen::VectorXd::Zero(size);
     std::vector<Eigen::Index> unknown;
     for (uint32_t n = 0; n < pieces.node_of.size(); ++n) {
-        if (root(n) != root(0)) continue;
+        if (sets.root(n) != sets.root(0)) continue;
         const bool high = at(n).z() > 1 - 1e-9, held = high || at(n).z() < 1e-9;
         for (Eigen::Index axis = 0; axis < 3; ++axis) {
             if (held)
