@@ -7,8 +7,8 @@
 #include <vector>
 namespace trocar {
 
-struct FrameState;              // data that stages work on; defined by the owner of the frame
-using ResourceMask = uint64_t;  // one bit per World resource, see engine/world/world.hpp
+struct FrameState;  // data that stages work on; defined by the owner of the frame
+__extension__ typedef unsigned __int128 ResourceMask;  // one bit per World resource, see engine/world/world.hpp
 
 // One step of the frame. Stages are listed in the order of a serial run.
 struct Stage {

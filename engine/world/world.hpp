@@ -180,6 +180,7 @@ enum class Resource : uint8_t {
 #undef TROCAR_RESOURCE_BIT
         kCount
 };
+static_assert(static_cast<uint32_t>(Resource::kCount) <= 8 * sizeof(ResourceMask));
 
 template <typename... R>
 constexpr ResourceMask mask(R... resources) {
