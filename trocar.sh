@@ -114,7 +114,7 @@ case "${1:-}" in
         ;;
     debug) build debug; run_tests debug -L unit ;;
     asan)
-        if [ "${2:-}" = short ]; then build asan short_tests; run_tests asan -L unit -LE slow "${@:3}"; exit; fi
+        if [ "${2:-}" = short ]; then build asan-short short_tests; run_tests asan-short -L unit -LE slow "${@:3}"; exit; fi
         build asan; run_tests asan -L unit "${@:2}"
         ;;
     fuzz)

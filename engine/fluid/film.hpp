@@ -30,20 +30,34 @@ struct Film {
 inline constexpr uint32_t kFilmBlock = 8;
 
 struct FilmScratch {
-    // What drives the liquid of a cell: height of the vertex, of the liquid's surface above it, thickness, drag (3 nu); share of blood,
-    // 1 / volume.
-    struct alignas(32) Cell {
-        float height, lead, thickness, drag, share, inverse_volume, none[2];
+    // What drives the liquid of a cell: height of the vertex, of the liquid's surface above it, thickness, drag (3 nu).
+    struct alignas(16) Cell {
+        float height, lead, thickness, drag;
+    };
+    // What a cell gives away: share of blood, 1 / volume.
+    struct alignas(8) Donor {
+        float share, inverse_volume;
+    };
+    struct alignas(16) Amount {
+        double volume, blood;  // m^3
+    };
+    struct alignas(8) Moved {
+        float volume, blood;  // m^3, over an edge
     };
     std::vector<Cell> cell;
-    std::vector<float> rise, stiffness, out;  // per cell
-    std::vector<double> volume, blood;
-    std::vector<float> flow, moved, dye;  // per edge
-    std::vector<uint8_t> wet;             // per cell
-    std::vector<uint8_t> beside;          // per block of cells: an end of an edge below is in it
-    std::vector<uint32_t> block;          // first edges of blocks with an edge at a wet cell
-    std::vector<uint32_t> cells;          // first cells of blocks with an end of these
-    uint32_t substeps = 0;                // of the last call, with those that were tried and taken back
+    std::vector<Donor> donor;
+    std::vector<Amount> amount;
+    std::vector<float> rise, stiffness;     // per cell
+    std::vector<float> standing, fullness;  // per cell, of its shape: 1 / cosine of the slope, 2 / relief
+    std::vector<float> out, kept;           // per cell: m^3 that would leave it, and the part of it that does
+    std::vector<float> flow;                // per edge
+    std::vector<uint32_t> giver;            // per edge: the cell that the flow leaves
+    std::vector<Moved> moved;               // per edge
+    std::vector<uint8_t> wet;               // per cell
+    std::vector<uint8_t> beside;            // per block of cells: an end of an edge below is in it
+    std::vector<uint32_t> block;            // first edges of blocks with an edge at a wet cell
+    std::vector<uint32_t> cells;            // first cells of blocks with an end of these
+    uint32_t substeps = 0;                  // of the last call, with those that were tried and taken back
 };
 
 // Films thinner than this stay where they are: a tenth of a micrometre, where surface forces hold them. m

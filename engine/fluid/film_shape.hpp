@@ -6,7 +6,9 @@
 namespace trocar {
 
 struct FilmShapeScratch {
-    std::vector<Float4> place, sum;
+    std::vector<Float4> place;   // per cell
+    std::vector<Float4> normal;  // per triangle
+    std::vector<Float4> sum;     // per cell
 };
 
 // Heights, areas and slopes of the cells of one wet body at its present place. `down`: unit, world. A sheet is wet on the side that is
