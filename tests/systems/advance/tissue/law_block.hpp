@@ -122,16 +122,11 @@ inline std::pair<double, double> storage_and_loss(const Prony& prony, double ome
     }
     return {storage, loss};
 }
-// Shear modulus of a block of springs, n cubes wide, of E = 10 kPa, nu = 0.45: that of the material but for the layers at its faces, Pa.
-inline double spring_modulus(int n, double shear) {
-    LawBlock block(TissueLaw::kSprings, {}, 1e4, 0.45, n);
-    return block.stress(block.sheared(shear))(0, 1) / shear;
-}
-// Measured through the engine, by small shear at a frequency: modulus less that of the law alone, over that of the springs, plus 1.
+// Measured through the engine, by small shear at a frequency.
 inline std::pair<double, double> measured_storage_and_loss(TissueLaw law, const Prony& prony, double omega) {
     constexpr double kShear = 1e-2;
-    LawBlock block(law, prony, 1e4, 0.45, 2), alone(law, {}, 1e4, 0.45, 2);
-    const double springs = spring_modulus(2, kShear), long_term = alone.stress(alone.sheared(kShear))(0, 1) / kShear;
+    const double mu = 1e4 / (2 * 1.45);
+    LawBlock block(law, prony, 1e4, 0.45, 2);
     const uint32_t period = static_cast<uint32_t>(std::lround(2 * std::numbers::pi / omega / LawBlock::kStep));
     const double exact = 2 * std::numbers::pi / (period * LawBlock::kStep);  // whole steps a period
     const double slowest = *std::max_element(prony.time.begin(), prony.time.end());
@@ -143,7 +138,7 @@ inline std::pair<double, double> measured_storage_and_loss(TissueLaw law, const 
         if (i < settled) continue;
         sine += 2 * stress * std::sin(phase) / period, cosine += 2 * stress * std::cos(phase) / period;
     }
-    return {1 + (sine / kShear - long_term) / springs, cosine / (kShear * springs)};
+    return {sine / (kShear * mu), cosine / (kShear * mu)};
 }
 
 }  // namespace trocar

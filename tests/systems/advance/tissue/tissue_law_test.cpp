@@ -151,7 +151,7 @@ TEST(NeoHookean, StepsAreStableInEveryShape) {
         const double step = block.scene.bodies.stable_dt[0], at_rest = limit_at(block.rest);
         std::printf("nu %.2f: step %.3f of the limit at rest", nu, step / at_rest);
         EXPECT_LT(step, at_rest);
-        EXPECT_GT(step, 0.65 * at_rest);
+        EXPECT_GT(step, 0.6 * at_rest);
         for (const Vec3d& stretch : {Vec3d(2, 0.75, 0.75), Vec3d(1.4, 0.85, 0.85), Vec3d(1.3, 1.3, 0.6), Vec3d(0.5, 1.2, 1.2), Vec3d(0.5, 1, 1),
                                      Vec3d(0.1, 1, 1), Vec3d(-0.5, 1, 1), Vec3d(1.05, 1.05, 1.05)}) {
             std::vector<Vec3d> at;
@@ -174,28 +174,24 @@ TEST(NeoHookean, AgreesWithSpringsAtSmallStrain) {
     }
 }
 
-// The overstress is that of springs, whose modulus in a block is that of the material but for the layers at its faces.
 TEST(Relaxation, ShearRelaxesAsTheSeries) {
     constexpr double kShear = 0.01;
     const double mu = 1e4 / (2 * 1.45);
-    EXPECT_NEAR(spring_modulus(3, kShear) / mu, 1, 0.04);
-    EXPECT_LT(std::abs(spring_modulus(6, kShear) / mu - 1), 0.6 * std::abs(spring_modulus(3, kShear) / mu - 1)) << "converges";
     for (const TissueLaw law : {TissueLaw::kSprings, TissueLaw::kNeoHookean}) {
-        LawBlock block(law, kTwoTimes, 1e4, 0.45), alone(law, {}, 1e4, 0.45);
-        const double long_term = alone.stress(alone.sheared(kShear))(0, 1), springs = kShear * spring_modulus(3, kShear);
+        LawBlock block(law, kTwoTimes, 1e4, 0.45);
         (void)block.stress(block.sheared(0));
         double worst = 0;
-        for (uint32_t i = 0; i < 1500; ++i) {
+        for (int i = 0; i < 1500; ++i) {
             const double stress = block.stress(block.sheared(kShear))(0, 1);
-            double exact = long_term;
+            double exact = 1;
             for (int b = 0; b < 2; ++b) {  // sheared evenly during the first step
                 const double s = LawBlock::kStep / kTwoTimes.time[b];
-                exact += springs * kTwoTimes.share[b] * (1 - std::exp(-s)) / s * std::exp(-i * s);
+                exact += kTwoTimes.share[b] * (1 - std::exp(-s)) / s * std::exp(-i * s);
             }
-            worst = std::max(worst, std::abs(stress / exact - 1));
+            worst = std::max(worst, std::abs(stress / (mu * kShear * exact) - 1));
         }
         std::printf("relaxation, law %d: within %.4f %% of the closed form\n", static_cast<int>(law), 100 * worst);
-        EXPECT_LT(worst, 0.005);
+        EXPECT_LT(worst, 0.002);
     }
 }
 
@@ -211,34 +207,39 @@ TEST(Relaxation, StorageAndLossModuli) {
     }
 }
 
-// A free block rings until its Maxwell elements have taken the energy: what they took is booked, to the last per mille.
+// A block rings until its Maxwell elements have taken the energy: what they took is booked. Leapfrog's own error of all that rings
+// is of second order in the step, next to the limit some per mille: a quarter of the step leaves less than one.
 TEST(Relaxation, EnergyIsAccountedFor) {
     for (const TissueLaw law : {TissueLaw::kSprings, TissueLaw::kNeoHookean}) {
         for (const AnchorFrame frame : {AnchorFrame::kWorld, AnchorFrame::kShape}) {
-            LawBlock block(law, {{0.6, 0.3}, {0.02, 0.3}}, 1e4, 0.45, 3, 0, 0, frame);
-            AdvanceScene& s = block.scene;
-            s.params.account_energy = true;
-            for (uint32_t v = 0; v < block.rest.size(); ++v) {
-                const Vec3d x = block.rest[v] - Vec3d::Constant(0.015);
-                s.set_velocity(0, v, 8 * Vec3d(2 * x.x() + x.y(), -x.y(), -x.z()));
+            double worst[2] = {}, start = 0, lost = 0;
+            for (const uint32_t finer : {2u, 4u}) {
+                LawBlock block(law, {{0.6, 0.3}, {0.02, 0.3}}, 1e4, 0.45, 3, 0, 0, frame);
+                AdvanceScene& s = block.scene;
+                s.params.account_energy = true;
+                for (uint32_t v = 0; v < block.rest.size(); ++v) {
+                    const Vec3d x = block.rest[v] - Vec3d::Constant(0.015);
+                    s.set_velocity(0, v, 8 * Vec3d(2 * x.x() + x.y(), -x.y(), -x.z()));
+                }
+                s.open_energy_account();
+                start = s.energy.kinetic;
+                for (int i = 0; i < 60; ++i) {
+                    s.advance(10, finer * substeps_for(10e-3, s.bodies.stable_dt[0], 1));
+                    s.measure();
+                    worst[finer / 4] = std::max(worst[finer / 4], std::abs(s.energy.balance));
+                }
+                lost = -s.energy.work_damping;
             }
-            s.open_energy_account();
-            const double start = s.energy.kinetic;
-            double worst = 0;
-            for (int i = 0; i < 60; ++i) {
-                s.advance(10, substeps_for(10e-3, s.bodies.stable_dt[0], 1));
-                s.measure();
-                worst = std::max(worst, std::abs(s.energy.balance));
-            }
-            std::printf("law %d: %.3f mJ, of which %.3f lost to relaxation, balance %.4f %%\n", static_cast<int>(law), 1e3 * start,
-                        -1e3 * s.energy.work_damping, 100 * worst / start);
-            EXPECT_LT(worst, 1e-3 * start);
-            EXPECT_GT(-s.energy.work_damping, 0.9 * start);
+            std::printf("law %d: %.3f mJ, of which %.3f lost to relaxation, balance %.4f, %.4f %% at half and a quarter of the step\n",
+                        static_cast<int>(law), 1e3 * start, 1e3 * lost, 100 * worst[0] / start, 100 * worst[1] / start);
+            EXPECT_LT(worst[1], 1e-3 * start);
+            EXPECT_LT(worst[1], 0.3 * worst[0]) << "second order";
+            EXPECT_GT(lost, 0.9 * start);
         }
     }
 }
 
-// The same bits in one step and in several calls, and from a copy of the state.
+// A copy of the state goes on with the same bits; without what it has been through it goes on otherwise.
 TEST(Relaxation, StateIsComplete) {
     LawBlock block(TissueLaw::kNeoHookean, kTwoTimes, 1e4, 0.45);
     for (uint32_t v = 0; v < block.rest.size(); ++v) block.scene.set_velocity(0, v, Vec3d(0, 10 * block.rest[v].x(), 0));
@@ -246,16 +247,16 @@ TEST(Relaxation, StateIsComplete) {
     s.advance(5, 20);
     const Particles particles = s.particles;
     const Relaxation relaxation = s.relaxation;
-    s.advance(4, 16);
-    const uint64_t once = resource_hash(s, Resource::kParticles), memory = resource_hash(s, Resource::kRelaxation);
+    const auto go_on = [&] {
+        s.advance(4, 16);
+        return resource_hash(s, Resource::kParticles) ^ resource_hash(s, Resource::kRelaxation);
+    };
+    const uint64_t once = go_on();
     s.particles = particles, s.relaxation = relaxation;
-    for (int i = 0; i < 4; ++i) s.advance(1, 4);
-    EXPECT_EQ(resource_hash(s, Resource::kParticles), once);
-    EXPECT_EQ(resource_hash(s, Resource::kRelaxation), memory);
+    EXPECT_EQ(go_on(), once);
     s.particles = particles, s.relaxation = relaxation;
     std::fill(s.relaxation.overstretch.begin(), s.relaxation.overstretch.end(), 0.0f);
-    s.advance(4, 16);
-    EXPECT_NE(resource_hash(s, Resource::kParticles), once) << "the state matters";
+    EXPECT_NE(go_on(), once);
 }
 
 }  // namespace
