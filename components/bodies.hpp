@@ -1,6 +1,8 @@
 #pragma once
 #include <algorithm>
+#include <array>
 #include <limits>
+#include <numeric>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -53,6 +55,23 @@ struct Tissue {
                   bending, "Pa", restitution);
 };
 
+// Elastic law of a solid: see engine/tissue/tet_forces.hpp.
+enum class TissueLaw : uint8_t {
+    kSprings,     // springs along the edges of the tetrahedra, and a penalty on their volumes
+    kNeoHookean,  // stable neo-Hookean tetrahedra (Smith, de Goes, Kim, ACM TOG 37(2), 2018)
+};
+
+// Prony series of a solid: next to each edge of its tetrahedra Maxwell elements of share * the stiffness of an edge spring, which
+// relax with the times. Long after a change only the elastic law is left.
+struct Prony {
+    static constexpr uint32_t kMost = 4;
+    std::array<double, kMost> share{};  // of the long-term shear modulus
+    std::array<double, kMost> time{};   // s, relaxation times; 0 = no branch, the last ones
+    TROCAR_FIELDS(share, time, "s");
+    uint32_t branches() const { return static_cast<uint32_t>(std::ranges::count_if(time, [](double t) { return t > 0; })); }
+    double sum() const { return std::accumulate(share.begin(), share.end(), 0.0); }
+};
+
 // Mass of a free body. Its inertia tensor about the centre of mass is diagonal in the principal frame.
 struct RigidMass {
     uint64_t body = kNone;
@@ -80,8 +99,10 @@ struct Bodies {
     std::vector<double> thickness;        // m, sheets only
     std::vector<double> self_contact;     // m, distance that a surface keeps from itself, 0 = may pass through itself; empty = all may
     std::vector<RigidMass> rigid_mass;    // one element per free body, ascending by body
+    std::vector<TissueLaw> law;           // solids; empty or shorter = springs
+    std::vector<Prony> prony;             // solids; empty or shorter = nothing relaxes
     TROCAR_FIELDS(entity, name, mesh, "index of meshes", motion, particles, "range of particles", tree, anchor_frame, tissue,
-                  spring_stiffness, "N/m", inv_mass, "1/kg", stable_dt, "s", thickness, "m", self_contact, "m", rigid_mass, stepping);
+                  spring_stiffness, "N/m", inv_mass, "1/kg", stable_dt, "s", thickness, "m", self_contact, "m", rigid_mass, stepping, law, prony);
 };
 
 // Names become parts of file names and messages: at most 80 bytes, without /, \, " and control characters.
@@ -97,6 +118,9 @@ inline double self_contact_of(const Bodies& bodies, uint32_t body) {
 inline Stepping stepping_of(const Bodies& bodies, uint32_t body) {
     return body < bodies.stepping.size() ? bodies.stepping[body] : Stepping{};
 }
+
+inline TissueLaw law_of(const Bodies& bodies, uint32_t body) { return body < bodies.law.size() ? bodies.law[body] : TissueLaw::kSprings; }
+inline Prony prony_of(const Bodies& bodies, uint32_t body) { return body < bodies.prony.size() ? bodies.prony[body] : Prony{}; }
 
 // Poses of the bodies, one element each. Rigid: position and orientation of the body frame. Deformable:
 // origin of the offsets and orientation of the anchors: constant for kWorld, the best-fit rigid copy for

@@ -33,13 +33,16 @@ struct Solids {
     std::vector<float> per_rest;                  // 1 / rest; padding 0
     std::vector<float> factor;                    // as rest, up to the last solid with varied stiffness: stiffness /
                                                   // stiffness of the body's tissue
+    std::vector<float> metric;                    // 1/m^2, as 6 times rest, up to the last solid of a hyperelastic law; per 16 tetrahedra 6
+                                                  // rows: aa, bb, cc, ab, ac, bc of the inverse of the products of the edges a, b, c
+                                                  // from the first corner at rest
     std::vector<uint32_t> slot_column;            // first column of a slice; slices.count + 1 elements per prototype, at
                                                   // slices.first + prototype index
     std::vector<uint32_t> slot;                   // 16 per column: corner * padded tetrahedra + tetrahedron; padding 4 * padded tetrahedra
     std::vector<std::array<uint32_t, 4>> embedding_node;  // corners of the tetrahedron that a surface vertex is embedded in
     std::vector<std::array<double, 4>> embedding_weight;  // barycentric coordinates of the vertex there: below 0 or above 1 outside
     std::vector<double> node_volume;                      // m^3, volume lumped to a node: see engine/tissue/lumped_volume.hpp
-    TROCAR_FIELDS(info, position, "m", corner, rest, "m^3", per_rest, "1/m^3", factor, slot_column, slot, node_volume, "m^3",
+    TROCAR_FIELDS(info, position, "m", corner, rest, "m^3", per_rest, "1/m^3", factor, metric, "1/m^2", slot_column, slot, node_volume, "m^3",
                   embedding_node, embedding_weight);
 };
 

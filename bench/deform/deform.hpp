@@ -31,5 +31,7 @@ void error_rows(Report& report, const std::string& cache);
 void sheet_rows(Report& report);
 // Errors of solids against closed forms, with those of finite elements.
 void model_rows(Report& report);
+// Laws and relaxation of solids against closed forms, and what they cost.
+void law_rows(Report& report);
 
 }  // namespace trocar::bench

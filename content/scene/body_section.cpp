@@ -34,7 +34,28 @@ HeatTissue read_heat(TomlSection section, HeatTissue heat) {
     return heat;
 }
 
-Tissue read_tissue(TomlSection section, bool solid, Tissue t) {
+// prony = [[share, seconds], ...]
+Prony read_prony(TomlSection& section) {
+    Prony prony;
+    const toml::node* node = section.find("prony");
+    if (!node) return prony;
+    const toml::array* list = node->as_array();
+    const auto fail = [&](const toml::node& at) {
+        section.fail(at, "prony must be up to " + std::to_string(Prony::kMost) +
+                             " pairs [share, seconds], the share above 0 and up to 1000, the time from 1e-3 to 100 s");
+    };
+    if (!list || list->size() > Prony::kMost) fail(*node);
+    for (size_t i = 0; i < list->size(); ++i) {
+        const toml::array* pair = (*list)[i].as_array();
+        if (!pair || pair->size() != 2) fail((*list)[i]);
+        const std::optional<double> share = (*pair)[0].value<double>(), time = (*pair)[1].value<double>();
+        if (!share || !time || !(*share > 0 && *share <= 1e3 && *time >= 1e-3 && *time <= 100)) fail((*list)[i]);
+        prony.share[i] = *share, prony.time[i] = *time;
+    }
+    return prony;
+}
+
+Tissue read_tissue(TomlSection section, bool solid, Tissue t, TissueLaw& law, Prony& prony) {
     choose_preset(section, "preset", solid, t);
     section.read("youngs_modulus", t.youngs_modulus, 1, 1e12);
     section.read("density", t.density, 1e-3, 1e6);
@@ -46,6 +67,8 @@ Tissue read_tissue(TomlSection section, bool solid, Tissue t) {
     section.read("pressure_modulus", t.pressure_modulus, 0, 1e12);
     section.read("bending", t.bending, 0, 1e12);
     section.read("restitution", t.restitution, 0, 1);
+    section.read_enum<TissueLaw>("law", law, {{"springs", TissueLaw::kSprings}, {"neo_hookean", TissueLaw::kNeoHookean}});
+    prony = read_prony(section);
     section.refuse_unknown();
     return t;
 }
@@ -162,6 +185,8 @@ void check_body(const TomlSection& section, const BodySpec& body) {
     if (body.motion == Motion::kKinematic && body.path.empty()) section.fail("kinematic body \"" + body.name + "\" needs a [[body.path]]");
     if (body.self_contact && body.motion != Motion::kDeformable)
         section.fail("body \"" + body.name + "\": only a deformable body has self_contact");
+    if ((body.law != TissueLaw::kSprings || body.prony.branches() > 0) && (body.motion != Motion::kDeformable || !body.solid))
+        section.fail("body \"" + body.name + "\": law and prony are for deformable bodies with model = \"solid\"");
     if (body.motion != Motion::kFree && (!body.velocity.isZero(0) || !body.spin.isZero(0)))
         section.fail("body \"" + body.name + "\": only a free body starts with a velocity or spin of its own");
 }
@@ -226,7 +251,8 @@ BodySpec read_body(TomlSection section) {
     if (const toml::node* node = section.find("tissue"); node && node->is_string()) {
         choose_preset(section, "tissue", body.solid, body.tissue);
     } else {
-        section.read_table("tissue", body.tissue, [&](TomlSection inner) { return read_tissue(inner, body.solid, body.tissue); });
+        section.read_table("tissue", body.tissue,
+                           [&](TomlSection inner) { return read_tissue(inner, body.solid, body.tissue, body.law, body.prony); });
     }
     body.path = read_path(section, "path");
     section.read("apart", body.apart);

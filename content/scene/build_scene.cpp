@@ -35,6 +35,7 @@
 #include "engine/tissue/embedded_surface.hpp"
 #include "engine/tissue/links.hpp"
 #include "engine/tissue/pressure_force.hpp"
+#include "engine/tissue/relaxation.hpp"
 #include "engine/tissue/solid_limit.hpp"
 #include "engine/tissue/solid_setup.hpp"
 #include "engine/tissue/tet_forces.hpp"
@@ -132,6 +133,10 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
     }
     if (is_deformable(world.bodies, body)) {
         constexpr const char* kIntegrators[] = {"leapfrog", "backward Euler"};
+        if (law_of(world.bodies, body) == TissueLaw::kNeoHookean) note += ", neo-Hookean";
+        if (const Prony prony = prony_of(world.bodies, body); prony.branches() > 0)
+            note += format(", relaxes from %.3g times its stiffness in %.3g s and more", 1 + prony.sum(),
+                           *std::min_element(prony.time.begin(), prony.time.begin() + prony.branches()));
         note += format(", E %.3g Pa, explicit step at most %.3g ms, stepped by %s", world.bodies.tissue[body].youngs_modulus,
                        world.bodies.stable_dt[body] * 1e3, kIntegrators[static_cast<size_t>(stepping_of(world.bodies, body).integrator)]);
     }
@@ -305,6 +310,7 @@ void make_deformable(World& world, uint32_t body, double fixed_below) {
     else
         add_deformable(world.meshes, world.springs, world.poses, body, world.bodies, world.particles, world.anchors);
     fix_vertices_below(world, body, fixed_below);
+    if (is_solid(world.solids, prototype)) give_law(world.meshes, world.springs, world.bodies, body, world.solids, world.relaxation);
     if (is_solid(world.solids, prototype))
         update_solid_dt(world.meshes, world.springs, world.solids, body, world.particles, world.anchors, world.bodies);
     else
@@ -387,8 +393,19 @@ void check_cut_by_tools(const SceneFile& scene, const BodySpec& spec) {
     if (spec.scatter.asked) fail("it is one of many copies");
 }
 
+// What bodies of another law than springs, or that relax, cannot do yet.
+void check_law(const SceneFile& scene, const BodySpec& spec) {
+    if (spec.law == TissueLaw::kSprings && spec.prony.branches() == 0) return;
+    const std::string what = spec.law == TissueLaw::kSprings ? "a body with prony" : "a body of law = \"neo_hookean\"";
+    if (may_tear(scene, spec)) refuse_body(scene, spec, what + " does not break (break_strain, [[cut]], heat.parts)");
+    if (is_cut_by_tools(scene, spec.name)) refuse_body(scene, spec, what + " cannot be cut by instruments; take law = \"springs\" without prony");
+    if (is_heated_by_tools(scene, spec.name)) refuse_body(scene, spec, what + " cannot be cauterised; take law = \"springs\" without prony");
+    if (spec.prony.branches() > 0 && spec.scatter.rate > 0) refuse_body(scene, spec, "what comes and goes (scatter.rate) does not relax");
+}
+
 Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, World& world, Mesh mesh, const PrototypeOptions& options) {
     check_cut_by_tools(scene, spec);
+    check_law(scene, spec);
     if (spec.motion != Motion::kDeformable || (!spec.solid && !spec.skin)) {
         Prototype plain = make_prototype(world.meshes, std::move(mesh), options);
         const CutRoom room = plain.row == kNone ? CutRoom{} : cut_room(scene, spec, world.meshes.info[plain.row]);
@@ -548,6 +565,8 @@ void add_scene_body(const SceneFile& scene, const BodySpec& spec, const Prototyp
     Tissue tissue = spec.tissue;
     if (spec.solid && !spec.bed) tissue.depth = kNoFoundation;
     const uint32_t body = add_body(world, spec.name, prototype.row, spec.motion, tissue, spec.anchor_frame);
+    if (spec.law != TissueLaw::kSprings) world.bodies.law.resize(body + 1), world.bodies.law[body] = spec.law;
+    if (spec.prony.branches() > 0) world.bodies.prony.resize(body + 1), world.bodies.prony[body] = spec.prony;
     world.bodies.thickness[body] = prototype.judgement.admitted_as == Admission::kSheet ? spec.thickness : 0;
     const Vec3d shift = spec.file_origin ? prototype.shift : Vec3d(Vec3d::Zero());  // body frame
     world.poses.origin[body] = spec.position + rotate(spec.orientation, shift);

@@ -41,6 +41,8 @@ struct BodySpec {
     double gap = 0.005;        // m
     AnchorFrame anchor_frame = AnchorFrame::kWorld;
     Tissue tissue;
+    TissueLaw law = TissueLaw::kSprings;                            // solids
+    Prony prony;                                                    // solids
     bool solid = false;                                             // filled with tetrahedra; false: a shell
     double cells = 12;                                              // solids: lattice cells along the largest extent
     double spacing = 0;                                             // m, solids: lattice spacing; 0 = from cells

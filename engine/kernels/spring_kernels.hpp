@@ -34,6 +34,17 @@ struct SpringStep {
     float drag_velocity[3];  // m/s, drag velocity = drag_velocity + drag_turn x offset
     float back;              // s, shape_sums and energy_sums use offset - back * velocity
     float drag_turn[3];      // rad/s
+    unsigned other_law;      // 1: springs exert no elastic force, another law does
+    // Maxwell elements next to the springs, see Relaxation; none if branches is 0. From the evaluation before to this one, d being the
+    // change of the stretch: q = q - lost q + gain d.
+    unsigned branches;      // at most 4
+    float* stretch;         // m, one per half-edge from first_column on
+    float* overstretch;     // m, likewise; branch by branch
+    long branch_stride;     // elements from one branch to the next
+    float lost[4];          // 1 - exp(-s), s = time between / relaxation time
+    float gain[4];          // share of the stiffness * lost / s
+    float stored[4];        // 1 / (2 share): energy / (stiffness q^2)
+    float heat[4][3];       // energy lost in between / stiffness: heat[0] q^2 + heat[1] q q' + heat[2] q'^2
 };
 
 // Sums over the particles of a body for its best-fit rigid copy, per lane, double; m = mass, x = offset, v =
@@ -64,11 +75,14 @@ struct SpringKernels {
     // spring of length zero and padding exert no force; a particle of inverse mass zero keeps its position
     // and gets velocity zero. With remainders the drift is a compensated sum (Kahan, CACM 8(1), 1965): steps
     // far smaller than the ulp of a position accumulate. damping_work (16 doubles, J) is incremented lane by
-    // lane: damping impulse times mean velocity; may be null.
+    // lane: damping impulse times mean velocity, and what Maxwell elements lost; may be null.
     void (*step)(const SpringStep* body, unsigned first, unsigned last, double* damping_work);
     // Adds the sums of slices [first, last) to sums[kShapeSums][16], or to sums[kEnergySums][16].
     void (*shape_sums)(const SpringStep* body, unsigned first, unsigned last, double* sums);
     void (*energy_sums)(const SpringStep* body, unsigned first, unsigned last, double* sums);
+    // Adds to sums[16] what the Maxwell elements of slices [first, last) store, and lost since the evaluation before, over the
+    // stiffness (m^2), at offset - back * velocity; each spring twice.
+    void (*relaxing_sums)(const SpringStep* body, unsigned first, unsigned last, double* sums);
 };
 
 extern const SpringKernels kSpringKernelsAvx2;

@@ -31,8 +31,33 @@ TROCAR_LANES V to_goal_exactly(const SpringStep* body, const Goals& rest, int ax
 }
 TROCAR_LANES V squared_length(V x, V y, V z) { return multiply_add(x, x, multiply_add(y, y, z * z)); }
 
+// Maxwell elements of the springs of half-edges from `at` on, of which `stretch` is now so long: sums of branches.
+struct Relaxed {
+    V pull;    // m, their tension / stiffness
+    V stored;  // m^2, their energy / stiffness
+    V heat;    // m^2, energy that they lost / stiffness
+};
+template <bool kKeep>
+TROCAR_LANES Relaxed relaxed(const SpringStep* body, unsigned long at, V stretch) {
+    Relaxed sum = {set(0), set(0), set(0)};
+    const V change = stretch - load(body->stretch + at);
+    if (kKeep) keep_store(body->stretch + at, stretch);
+    for (unsigned branch = 0; branch < body->branches; ++branch) {
+        float* const place = body->overstretch + branch * static_cast<unsigned long>(body->branch_stride) + at;
+        const V before = load(place);
+        const V now = multiply_add(set(body->gain[branch]), change, subtract_product(before, set(body->lost[branch]), before));
+        if (kKeep) keep_store(place, now);
+        const float* heat = body->heat[branch];
+        sum.pull = sum.pull + now;
+        sum.stored = multiply_add(set(body->stored[branch]) * now, now, sum.stored);
+        sum.heat = multiply_add(multiply_add(set(heat[0]), before, set(heat[1]) * now), before, multiply_add(set(heat[2]) * now, now, sum.heat));
+    }
+    return sum;
+}
+
 // kVaried: springs differ in stiffness. kPacked: columns are read from `packed`. kStiff: forces of positions with their remainders.
-template <bool kVaried, bool kPacked, bool kStiff>
+// kRelaxing: Maxwell elements beside the springs.
+template <bool kVaried, bool kPacked, bool kStiff, bool kRelaxing = false>
 void step_springs(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
     const V one = set(1.0f), zero = set(0);
     const unsigned long first_half = 16ul * body->first_column;
@@ -41,8 +66,8 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
         const Lanes p = load4(body->offset + 4ul * base);
 
         // springs
-        V fx = zero, fy = zero, fz = zero;
-        const unsigned long end = 16ul * body->slice_column[slice + 1];
+        V fx = zero, fy = zero, fz = zero, heat = zero;
+        const unsigned long end = 16ul * body->slice_column[kRelaxing || !body->other_law ? slice + 1 : slice];
         for (unsigned long h = 16ul * body->slice_column[slice]; h < end; h += 16) {
             const unsigned short* packed = kPacked ? body->packed + 2 * (h - first_half) + lane : nullptr;
             const Lanes q =
@@ -55,7 +80,15 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
                 dz = dz + (gather(body->remainder_z, body->neighbour + h + lane) - load(body->remainder_z + base));
             }
             const V length = root(squared_length(dx, dy, dz));
-            V tension = where_positive(length, one - rest / length);
+            V tension = zero;
+            if constexpr (kRelaxing) {
+                const V stretch = length - rest;
+                const Relaxed branches = relaxed<true>(body, h + lane - first_half, stretch);
+                tension = where_positive(length, (body->other_law ? branches.pull : stretch + branches.pull) / length);
+                heat = multiply_add(load(body->spring_factor + h + lane), branches.heat, heat);
+            } else {
+                tension = where_positive(length, one - rest / length);
+            }
             if (kVaried) tension = tension * load(body->spring_factor + h + lane);
             fx = multiply_add(tension, dx, fx);
             fy = multiply_add(tension, dy, fy);
@@ -105,6 +138,10 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
             add_doubles(damping_work + lane, power * where_positive(p.w, set(0.5f) / p.w));
         }
 
+        if constexpr (kRelaxing) {  // of every spring the half, at each of its ends
+            if (damping_work) add_doubles(damping_work + lane, set(-0.5f) * (k * heat));
+        }
+
         // drift
         const V dt = set(body->dt);
         Lanes next = {multiply_add(nx, dt, p.x), multiply_add(ny, dt, p.y), multiply_add(nz, dt, p.z), p.w};
@@ -125,7 +162,9 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
 
 void step(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
     const bool varied = body->spring_factor;
-    const auto kernel = body->remainder_step != 0 ? (varied ? step_springs<true, false, true> : step_springs<false, false, true>)
+    const auto kernel = body->branches > 0          ? (body->remainder_step != 0 ? step_springs<true, false, true, true>
+                                                                                 : step_springs<true, false, false, true>)
+                        : body->remainder_step != 0 ? (varied ? step_springs<true, false, true> : step_springs<false, false, true>)
                         : body->packed            ? (varied ? step_springs<true, true, false> : step_springs<false, true, false>)
                                                   : (varied ? step_springs<true, false, false> : step_springs<false, false, false>);
     kernel(body, first, last, damping_work);
@@ -192,6 +231,30 @@ TROCAR_LANES void add_moving(double* sums, int half, const Lanes& p, const V* ve
     for (int i = 0; i < 3; ++i) add(kSumMPosition + i, m * subtract_product(x[i], back, v[i]));
 }
 
+// length - rest length of half-edges from h on, at offset - back * velocity
+TROCAR_LANES V stretch_of(const SpringStep* body, unsigned long h, const Lanes& p, const V* v) {
+    const V back = set(body->back);
+    const unsigned* far_end = body->neighbour + h;
+    const Lanes q = gather4(body->offset, far_end);
+    const V dx = subtract_product(q.x - p.x, back, gather(body->velocity_x, far_end) - v[0]);
+    const V dy = subtract_product(q.y - p.y, back, gather(body->velocity_y, far_end) - v[1]);
+    const V dz = subtract_product(q.z - p.z, back, gather(body->velocity_z, far_end) - v[2]);
+    return root(squared_length(dx, dy, dz)) - load(body->rest_length + h);
+}
+
+void relaxing_sums(const SpringStep* body, unsigned first, unsigned last, double* sums) {
+    for (unsigned base = 16 * first; base < 16 * last; base += kWidth) {
+        const unsigned slice = base / 16, lane = base % 16;
+        const Lanes p = load4(body->offset + 4ul * base);
+        const V v[3] = {load(body->velocity_x + base), load(body->velocity_y + base), load(body->velocity_z + base)};
+        const unsigned long end = 16ul * body->slice_column[slice + 1];
+        for (unsigned long h = 16ul * body->slice_column[slice] + lane; h < end; h += 16) {
+            const Relaxed branches = relaxed<false>(body, h - 16ul * body->first_column, stretch_of(body, h, p, v));
+            add_doubles(sums + lane, (branches.stored + branches.heat) * load(body->spring_factor + h));
+        }
+    }
+}
+
 void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* sums) {
     const V back = set(body->back);
     for (unsigned base = 16 * first; base < 16 * last; base += kWidth) {
@@ -200,14 +263,9 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
         const V v[3] = {load(body->velocity_x + base), load(body->velocity_y + base), load(body->velocity_z + base)};
 
         // springs: differences of places and of velocities first, both small
-        const unsigned long end = 16ul * body->slice_column[slice + 1];
+        const unsigned long end = 16ul * body->slice_column[body->other_law ? slice : slice + 1];
         for (unsigned long h = 16ul * body->slice_column[slice] + lane; h < end; h += 16) {
-            const unsigned* far_end = body->neighbour + h;
-            const Lanes q = gather4(body->offset, far_end);
-            const V dx = subtract_product(q.x - p.x, back, gather(body->velocity_x, far_end) - v[0]);
-            const V dy = subtract_product(q.y - p.y, back, gather(body->velocity_y, far_end) - v[1]);
-            const V dz = subtract_product(q.z - p.z, back, gather(body->velocity_z, far_end) - v[2]);
-            const V stretch = root(squared_length(dx, dy, dz)) - load(body->rest_length + h);
+            const V stretch = stretch_of(body, h, p, v);
             const V factor = body->spring_factor ? load(body->spring_factor + h) : set(1.0f);
             add_doubles(sums + 16 * kSumStretch + lane, stretch * stretch * factor);
         }

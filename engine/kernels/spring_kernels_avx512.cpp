@@ -7,6 +7,6 @@ namespace {
 
 }  // namespace
 
-extern const SpringKernels kSpringKernelsAvx512 = {step, shape_sums, energy_sums};
+extern const SpringKernels kSpringKernelsAvx512 = {step, shape_sums, energy_sums, relaxing_sums};
 
 }  // namespace trocar

@@ -58,6 +58,49 @@ void press(const TetStep* body, unsigned first, unsigned last, float* least) {
     }
 }
 
+TROCAR_LANES V product(const Vec& a, const Vec& b) { return multiply_add(a.x, b.x, multiply_add(a.y, b.y, a.z * b.z)); }
+// a p + b q + c r
+TROCAR_LANES Vec combined(V a, const Vec& p, V b, const Vec& q, V c, const Vec& r) {
+    const auto sum = [&](V x, V y, V z) __attribute__((always_inline)) { return multiply_add(a, x, multiply_add(b, y, c * z)); };
+    return {sum(p.x, q.x, r.x), sum(p.y, q.y, r.y), sum(p.z, q.z, r.z)};
+}
+TROCAR_LANES Lanes mixed(V s, const Vec& a, V t, const Vec& b) {
+    return {multiply_add(s, a.x, t * b.x), multiply_add(s, a.y, t * b.y), multiply_add(s, a.z, t * b.z), set(0)};
+}
+
+// With the edges as columns of D and the metric M = (rest edges^T rest edges)^-1, F = D (rest edges)^-1 gives F^T F : I = D^T D : M,
+// and the forces on the corners 1 to 3 are the columns of -V s D M - p / 6 (cofactors of D).
+void press_neo_hookean(const TetStep* body, unsigned first, unsigned last, float* least) {
+    const unsigned long corner_rows = 4ul * body->tetrahedra;
+    const V shear = set(body->shear), one = set(1.0f);
+    for (unsigned t = 16 * first; t < 16 * last; t += kWidth) {
+        const auto [a, b, c] = edges_of(body, t);
+        const Vec bc = cross(b, c), ca = cross(c, a), ab = cross(a, b);
+        const V swelling = swelling_of(body, t, a, bc);
+        const float* metric = body->metric + 96ul * (t / 16) + t % 16;
+        const V maa = load(metric), mbb = load(metric + 16), mcc = load(metric + 32);
+        const V mab = load(metric + 48), mac = load(metric + 64), mbc = load(metric + 80);
+        const V straight = multiply_add(maa, product(a, a), multiply_add(mbb, product(b, b), mcc * product(c, c)));
+        const V across = multiply_add(mab, product(a, b), multiply_add(mac, product(a, c), mbc * product(b, c)));
+        const V squared = multiply_add(set(2.0f), across, straight);
+        V pull = (shear - shear / (squared + one)) * (load(body->rest + t) * set(-1.0f / 6));
+        V push = multiply_subtract(set(body->bulk), swelling, set(0.75f) * shear) * set(-1.0f / 6);
+        if (body->factor) {
+            const V factor = load(body->factor + t);
+            pull = pull * factor, push = push * factor;
+        }
+        const Lanes f1 = mixed(pull, combined(maa, a, mab, b, mac, c), push, bc);
+        const Lanes f2 = mixed(pull, combined(mab, a, mbb, b, mbc, c), push, ca);
+        const Lanes f3 = mixed(pull, combined(mac, a, mbc, b, mcc, c), push, ab);
+        float* out = body->corner_force + 4ul * t;
+        store4(out, against(f1, f2, f3));
+        store4(out + corner_rows, f1);
+        store4(out + 2 * corner_rows, f2);
+        store4(out + 3 * corner_rows, f3);
+        keep_least(least, t, swelling);
+    }
+}
+
 void measure(const TetStep* body, unsigned first, unsigned last, float* least) {
     for (unsigned t = 16 * first; t < 16 * last; t += kWidth) {
         const auto [a, b, c] = edges_of(body, t);

@@ -7,6 +7,6 @@ namespace {
 
 }  // namespace
 
-extern const TetKernels kTetKernelsAvx512 = {press, measure, gather_corners};
+extern const TetKernels kTetKernelsAvx512 = {press, press_neo_hookean, measure, gather_corners};
 
 }  // namespace trocar

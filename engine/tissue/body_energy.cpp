@@ -7,6 +7,7 @@
 #include "engine/motion/free_rotation.hpp"
 #include "engine/tissue/bending_forces.hpp"
 #include "engine/tissue/pressure_force.hpp"
+#include "engine/tissue/relaxation.hpp"
 #include "engine/tissue/shape_fit.hpp"
 #include "engine/tissue/spring_step.hpp"
 namespace trocar {
@@ -48,6 +49,11 @@ std::array<double, kEnergySums> add_potentials(const EnergyInputs& in, uint32_t 
     const std::array<double, kEnergySums> t = sum_energy(step, in.springs.info[in.bodies.mesh[body]].slices.count, scratch.sums);
     // every spring was met from both its ends
     energy.elastic += share * (0.25 * step.stiffness * t[kSumStretch] + 0.5 * t[kSumAnchor]);
+    if (in.other.relaxation) {
+        bind_relaxation(in.other.relaxation, in.bodies, body, in.particles.last_dt[body] - back, step);
+        if (step.branches > 0)
+            energy.elastic += share * relaxing_energy(step, in.springs.info[in.bodies.mesh[body]].slices.count, scratch.sums);
+    }
     add_other_energies(in.springs, in.bodies, in.particles, body, step.back, share, scratch, energy);
     if (has_tets(in.other.solids, in.bodies, body))
         energy.elastic += share * tet_energy(*in.other.solids, in.bodies, in.particles, body, back, scratch.tets, in.other.torn_springs);

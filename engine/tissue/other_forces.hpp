@@ -2,6 +2,7 @@
 #include "components/actions.hpp"
 #include "components/links.hpp"
 #include "components/nodes.hpp"
+#include "components/relaxation.hpp"
 #include "components/solids.hpp"
 #include "components/tears.hpp"
 #include "engine/tissue/holding_groups.hpp"
@@ -19,6 +20,7 @@ struct OtherForces {
     NodeState* node_state = nullptr;
     const Actions* actions = nullptr;  // with the next one: what instruments do
     ActionState* action_state = nullptr;
+    Relaxation* relaxation = nullptr;  // advanced by the time steps of the bodies
 };
 
 }  // namespace trocar

@@ -24,6 +24,7 @@ struct Cell {
     std::array<uint32_t, 4> node;
     std::array<Vec3d, 4> slope;  // gradient of J
     double stiffness;            // bulk V
+    double shear = 0;            // mu V, neo-Hookean
 };
 
 // y = M^-1/2 K M^-1/2 x on the free nodes.
@@ -33,6 +34,13 @@ struct ScaledStiffness {
     std::vector<Rod> rod;
     std::vector<Cell> cell;
 
+    // mu V (grad u + its transpose) on the corners
+    void add_shear(const Cell& c, const std::vector<Vec3d>& x, std::vector<Vec3d>& y) const {
+        Eigen::Matrix3d gradient = Eigen::Matrix3d::Zero();
+        for (int k = 0; k < 4; ++k) gradient += root[c.node[k]] * x[c.node[k]] * c.slope[k].transpose();
+        const Eigen::Matrix3d stress = c.shear * (gradient + gradient.transpose());
+        for (int k = 0; k < 4; ++k) y[c.node[k]] += stress * c.slope[k];
+    }
     void operator()(const std::vector<Vec3d>& x, std::vector<Vec3d>& y) const {
         for (size_t i = 0; i < x.size(); ++i) y[i] = held[i] * root[i] * x[i];
         for (const Rod& r : rod) {
@@ -45,6 +53,7 @@ struct ScaledStiffness {
             double swelling = 0;
             for (int k = 0; k < 4; ++k) swelling += root[c.node[k]] * c.slope[k].dot(x[c.node[k]]);
             for (int k = 0; k < 4; ++k) y[c.node[k]] += c.stiffness * swelling * c.slope[k];
+            if (c.shear > 0) add_shear(c, x, y);
         }
         for (size_t i = 0; i < x.size(); ++i) y[i] *= root[i];
     }
@@ -119,6 +128,8 @@ ScaledStiffness whole_stiffness(const Meshes& meshes, const Springs& springs, co
         matrix.root.push_back(w > 0 ? std::sqrt(double{w}) : 0.0);
         matrix.held.push_back(anchors.stiffness[first + v]);
     }
+    const TissueLaw law = law_of(bodies, body);
+    const double stiffness = double{bodies.spring_stiffness[body]} * ((law == TissueLaw::kSprings ? 1 : 0) + prony_of(bodies, body).sum());
     const uint32_t* column = springs.slice_column.data() + springs.info[prototype].slices.first + prototype;
     for (uint32_t v = 0; v < info.nodes.count; ++v) {
         const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
@@ -127,10 +138,11 @@ ScaledStiffness whole_stiffness(const Meshes& meshes, const Springs& springs, co
             if (far_end <= v) continue;
             const Vec3d between = rest(far_end) - rest(v);
             matrix.rod.push_back(
-                {v, far_end, between.normalized(), double{bodies.spring_stiffness[body]} * springs.factor[index], between.norm()});
+                {v, far_end, between.normalized(), stiffness * springs.factor[index], between.norm()});
         }
     }
-    const SolidModuli moduli = solid_moduli(bodies.tissue[body]);
+    const SolidModuli moduli = solid_moduli(bodies, body);
+    const double mu = 0.75 * moduli.shear, lambda = moduli.bulk - 5 * mu / 6;  // neo-Hookean
     for (uint32_t t = 0; t < info.count; ++t) {
         Cell& cell = matrix.cell.emplace_back();
         std::array<Vec3d, 4> p;
@@ -142,8 +154,9 @@ ScaledStiffness whole_stiffness(const Meshes& meshes, const Springs& springs, co
         const double six = solids.rest[info.tetrahedra.first + t];
         cell.slope = {Vec3d::Zero(), b.cross(c) / six, c.cross(a) / six, a.cross(b) / six};
         cell.slope[0] = -cell.slope[1] - cell.slope[2] - cell.slope[3];
-        cell.stiffness = (kStretchRoom * moduli.bulk + kSqueezeRoom * moduli.squeeze) * six / 6 *
-                         (info.varied ? double{solids.factor[info.tetrahedra.first + t]} : 1.0);
+        const double factor = info.varied ? double{solids.factor[info.tetrahedra.first + t]} : 1.0;
+        cell.stiffness = (kStretchRoom * moduli.bulk + kSqueezeRoom * moduli.squeeze) * six / 6 * factor;
+        if (law == TissueLaw::kNeoHookean) cell.stiffness = kLawRoom * lambda * six / 6 * factor, cell.shear = kLawRoom * mu * six / 6 * factor;
     }
     return matrix;
 }

@@ -32,6 +32,7 @@ SpringStep bind_body(const Springs& springs, const Bodies& bodies, const Anchors
     step.turn[0] = step.turn[4] = step.turn[8] = 1;
     step.stiffness = bodies.spring_stiffness[body];
     step.keep = 1;
+    step.other_law = law_of(bodies, body) != TissueLaw::kSprings;
     return step;
 }
 

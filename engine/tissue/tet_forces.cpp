@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <numeric>
 
 #include "components/springs.hpp"
@@ -24,12 +25,15 @@ constexpr uint32_t kLeastChunks = 5;  // fewer do not pay for another thread
 
 const TetKernels& tet_kernels() { return kernels_of_isa(kTetKernelsAvx2, kTetKernelsAvx512); }
 
-SolidModuli solid_moduli(const Tissue& tissue) {
+SolidModuli solid_moduli(const Bodies& bodies, uint32_t body) { return solid_moduli(bodies.tissue[body], law_of(bodies, body)); }
+
+SolidModuli solid_moduli(const Tissue& tissue, TissueLaw law) {
     const double nu = tissue.poisson, mu = tissue.youngs_modulus / (2 * (1 + nu));
     const double lambda = 2 * mu * nu / (1 - 2 * nu);
+    if (law == TissueLaw::kNeoHookean) return {.springs = 2.5 * mu, .bulk = lambda + 5 * mu / 6, .shear = 4 * mu / 3};
     const double bulk = std::max(0.0, lambda - mu);
     const double crush = kCrushShare * std::clamp(bulk, kLeastCrush * mu, kMostPressure * mu);
-    return {2.5 * mu, bulk, crush, std::max(0.0, kLeastSqueeze * mu - bulk), std::min(1.0, kMostPressure * mu / bulk)};
+    return {2.5 * mu, bulk, crush, std::max(0.0, kLeastSqueeze * mu - bulk), std::min(1.0, kMostPressure * mu / bulk), 0};
 }
 
 bool has_tets(const Solids* solids, const Bodies& bodies, uint32_t body) { return solids && is_solid(*solids, bodies.mesh[body]); }
@@ -37,7 +41,7 @@ bool has_tets(const Solids* solids, const Bodies& bodies, uint32_t body) { retur
 TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, const TornSprings* torn) {
     const uint32_t prototype = bodies.mesh[body];
     const SolidInfo& info = solids.info[prototype];
-    const SolidModuli moduli = solid_moduli(bodies.tissue[body]);
+    const SolidModuli moduli = solid_moduli(bodies, body);
     const uint32_t first = info.tetrahedra.first;
     TetStep step = {};
     step.offset = &particles.offset[bodies.particles[body].first + embedded_count(info)].x;
@@ -53,6 +57,8 @@ TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& p
     step.crush = static_cast<float>(moduli.crush);
     step.squeeze = static_cast<float>(moduli.squeeze);
     step.yield = static_cast<float>(moduli.yield);
+    step.shear = static_cast<float>(moduli.shear);
+    step.metric = moduli.shear > 0 ? solids.metric.data() + 6ul * first : nullptr;
     step.tetrahedra = info.tetrahedra.count;
     step.slot_column = solids.slot_column.data() + info.slices.first + prototype;
     step.slot = solids.slot.data();
@@ -99,7 +105,7 @@ uint32_t inverted_tetrahedra(const TetStep& body) {
 float add_tet_forces(const TetStep& body, uint32_t slices) {
     const TetKernels& kernels = tet_kernels();
     std::fill_n(body.corner_force + 16ul * body.tetrahedra, 4, 0.0f);
-    const float lowest = for_groups(body, kernels.press);
+    const float lowest = for_groups(body, body.metric ? kernels.press_neo_hookean : kernels.press);
     parallel_for_even(slices, kSlicesGathered, kLeastChunks, [&](uint32_t from, uint32_t to) { kernels.gather(&body, from, to); });
     return lowest;
 }
@@ -112,6 +118,29 @@ double tet_energy(const SolidModuli& m, double rest, double volume) {
     const double pressure = bulk + m.crush * crushed - squeeze;  // with J clamped
     return rest / 6 *
            (bulk * (held - 0.5 * yielding) + 0.5 * m.crush * crushed * crushed - squeeze * squeezed / 3 + pressure * (swelling - held));
+}
+
+namespace {
+
+// Energy of a tetrahedron with a metric; a, b, c: its edges from the first corner.
+template <typename Vector, typename Dot>
+double neo_hookean_energy(const SolidModuli& m, const TetStep& step, uint32_t t, const Vector& a, const Vector& b, const Vector& c, double volume,
+                          const Dot& product) {
+    const float* metric = step.metric + 96ul * (t / kSliceWidth) + t % kSliceWidth;
+    const double squared = metric[0] * product(a, a) + metric[16] * product(b, b) + metric[32] * product(c, c) +
+                           2 * (metric[48] * product(a, b) + metric[64] * product(a, c) + metric[80] * product(b, c));
+    const double rest = step.rest[t], swelling = volume / rest - 1;
+    return rest / 6 *
+           (0.5 * m.shear * (squared - 3 - std::log((squared + 1) / 4)) + 0.5 * m.bulk * swelling * swelling - 0.75 * m.shear * swelling);
+}
+
+}  // namespace
+
+double tet_energy(const SolidModuli& moduli, const TetStep& step, uint32_t t, const std::array<Vec3d, 4>& p) {
+    const double volume = six_volumes(p[0], p[1], p[2], p[3]);
+    if (!step.metric) return tet_energy(moduli, step.rest[t], volume);
+    const auto product = [](const Vec3d& x, const Vec3d& y) { return x.dot(y); };
+    return neo_hookean_energy<Vec3d>(moduli, step, t, p[1] - p[0], p[2] - p[0], p[3] - p[0], volume, product);
 }
 
 double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d) { return (b - a).dot((c - a).cross(d - a)); }
@@ -133,7 +162,10 @@ double tet_energy(const TetStep& step, uint32_t nodes, const SolidModuli& moduli
         for (uint32_t t = begin; t < end; ++t) {
             if (step.rest[t] == 0) continue;
             const Vec4d p = at[step.corner0[t]], a = at[step.corner1[t]] - p, b = at[step.corner2[t]] - p, c = at[step.corner3[t]] - p;
-            sum += (step.factor ? double{step.factor[t]} : 1.0) * tet_energy(moduli, step.rest[t], dot(a, cross(b, c)));
+            const double volume = dot(a, cross(b, c));
+            const auto product = [](Vec4d x, Vec4d y) { return dot(x, y); };
+            sum += (step.factor ? double{step.factor[t]} : 1.0) *
+                   (step.metric ? neo_hookean_energy(moduli, step, t, a, b, c, volume, product) : tet_energy(moduli, step.rest[t], volume));
         }
         scratch.sums[begin / kChunk] = sum;
     });
@@ -144,7 +176,7 @@ double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& p
                   TetEnergyScratch& scratch, const TornSprings* torn) {
     const uint32_t skin = embedded_count(solids.info[bodies.mesh[body]]), first = bodies.particles[body].first + skin;
     return tet_energy(
-        bind_tets(solids, bodies, particles, body, torn), bodies.particles[body].count - skin, solid_moduli(bodies.tissue[body]),
+        bind_tets(solids, bodies, particles, body, torn), bodies.particles[body].count - skin, solid_moduli(bodies, body),
         {particles.velocity_x.data() + first, particles.velocity_y.data() + first, particles.velocity_z.data() + first}, back, scratch);
 }
 

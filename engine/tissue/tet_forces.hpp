@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <span>
 #include <vector>
 
@@ -36,8 +37,13 @@ struct SolidModuli {
     double crush = 0;    // Pa
     double squeeze = 0;  // Pa
     double yield = 1;    // 1 - J
+    double shear = 0;    // Pa, of the neo-Hookean law; 0 = springs and volume
 };
-SolidModuli solid_moduli(const Tissue& tissue);
+// With TissueLaw::kNeoHookean shear = 4/3 mu and bulk = lambda + 5/6 mu, with which the law has Lame's constants lambda and mu at small
+// strain (Smith, de Goes, Kim 2018, section 3.4), and `springs` is the stiffness of the Maxwell elements alone.
+SolidModuli solid_moduli(const Tissue& tissue, TissueLaw law = TissueLaw::kSprings);
+// Of a body, by its own law.
+SolidModuli solid_moduli(const Bodies& bodies, uint32_t body);
 
 inline constexpr double kCrushShare = 5.0 / 3;
 inline constexpr double kLeastSqueeze = 4, kLeastCrush = 8, kMostPressure = 24;
@@ -51,8 +57,10 @@ bool has_tets(const Solids* solids, const Bodies& bodies, uint32_t body);
 // The tetrahedra of a body at given offsets, for the kernels; no outputs. With `torn`, the remaining ones.
 TetStep bind_tets(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, const TornSprings* torn = nullptr);
 
-// Energy (J) of one tetrahedron of six-fold rest volume `rest` and present `volume`.
+// Energy (J) of one tetrahedron of six-fold rest volume `rest` and present `volume`, by springs and volume: of the volume alone.
 double tet_energy(const SolidModuli& moduli, double rest, double volume);
+// The same of tetrahedron t of a body with its corners at these places (m), by any law; without its factor.
+double tet_energy(const SolidModuli& moduli, const TetStep& step, uint32_t t, const std::array<Vec3d, 4>& corner);
 // Six times the signed volume of four corners.
 double six_volumes(const Vec3d& a, const Vec3d& b, const Vec3d& c, const Vec3d& d);
 

@@ -20,6 +20,7 @@
 #include "components/passed_surfaces.hpp"
 #include "components/paths.hpp"
 #include "components/picture.hpp"
+#include "components/relaxation.hpp"
 #include "components/report.hpp"
 #include "components/scene.hpp"
 #include "components/self_contact.hpp"
@@ -54,6 +55,7 @@ struct World {
     Clock clock;
     Poses poses;
     Particles particles;
+    Relaxation relaxation;
     Haptics haptics;  // tool: constant
     PairMemory pair_memory;
     ContactMemory contact_memory;
@@ -172,7 +174,8 @@ struct CaptureRecord;
     R(kSelfContactStart, self_contact_start, "self-contact start", kDerived)     \
     R(kFluids, fluids, "fluids", kConstant)                                      \
     R(kFluidState, fluid_state, "fluid state", kState)                           \
-    R(kCrossedSurfaces, crossed_surfaces, "crossed surfaces", kState)
+    R(kCrossedSurfaces, crossed_surfaces, "crossed surfaces", kState)            \
+    R(kRelaxation, relaxation, "relaxation", kState)
 
 enum class Resource : uint8_t {
 #define TROCAR_RESOURCE_BIT(bit, ...) bit,

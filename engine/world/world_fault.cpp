@@ -69,6 +69,7 @@ constexpr RegionFrame last_of(RegionFrame) { return RegionFrame::kWorld; }
 constexpr RegionKind last_of(RegionKind) { return RegionKind::kCapsule; }
 constexpr ResponseDirection last_of(ResponseDirection) { return ResponseDirection::kThesis; }
 constexpr ResponseShare last_of(ResponseShare) { return ResponseShare::kHalf; }
+constexpr TissueLaw last_of(TissueLaw) { return TissueLaw::kNeoHookean; }
 constexpr TreeSearch last_of(TreeSearch) { return TreeSearch::kEmbree; }
 constexpr TextureKind last_of(TextureKind) { return TextureKind::kNoise; }
 
@@ -334,6 +335,29 @@ void check_hinges(const World& w, uint32_t prototype) {
     check_columns(h.column, h.slot, h.first[prototype], slices, kSliceWidth, uint64_t{32} * groups.count + 1, name);
 }
 
+// What a law needs beyond springs: see give_law.
+void check_law(const World& w, uint32_t body, const std::string& name) {
+    const Bodies& b = w.bodies;
+    const TissueLaw law = law_of(b, body);
+    const Prony prony = prony_of(b, body);
+    const uint32_t prototype = b.mesh[body], branches = prony.branches();
+    if (law == TissueLaw::kSprings && branches == 0) return;
+    require(is_solid(w.solids, prototype) && w.springs.info[prototype].varied, name, " has a law for solids");
+    for (uint32_t i = 0; i < Prony::kMost; ++i)
+        require(i < branches ? prony.time[i] > 0 && prony.share[i] > 0 && std::isfinite(prony.share[i]) : prony.time[i] == 0 && prony.share[i] == 0,
+                name, " relaxes in no known way");
+    require(law == TissueLaw::kSprings || w.solids.metric.size() >= size_t{6} * w.solids.info[prototype].tetrahedra.end(), name,
+            ": its law lacks data (give_law)");
+    if (branches == 0) return;
+    const RelaxingBody* relaxing = find_relaxing(w.relaxation, body);
+    const Range slices = w.springs.info[prototype].slices;
+    const uint32_t* column = w.springs.slice_column.data() + slices.first + prototype;
+    require(relaxing && relaxing->branches == branches && relaxing->count == kSliceWidth * (column[slices.count] - column[0]) &&
+                size_t{relaxing->first} + relaxing->count <= w.relaxation.stretch.size() &&
+                relaxing->first_branch + size_t{branches} * relaxing->count <= w.relaxation.overstretch.size(),
+            name, ": its Maxwell elements do not fit its springs (give_law)");
+}
+
 void check_body(const World& w, uint32_t body) {
     const Bodies& b = w.bodies;
     const std::string name = "body " + std::to_string(body);
@@ -349,12 +373,13 @@ void check_body(const World& w, uint32_t body) {
                 b.particles[body].count >= w.meshes.info[b.mesh[body]].vertices.count,
             name, ": particles do not fit its mesh");
     check_solid(w, b.mesh[body], b.particles[body].count);
+    check_law(w, body, name);
     require(w.particles.last_dt.size() > body, "particles: steps of bodies are missing");
 }
 
 bool body_rows_fit(const World& w) {
     const size_t n = w.bodies.mesh.size();
-    return all_have(w.bodies, n, {"rigid_mass", "stepping", "self_contact"}) && all_have(w.poses, n);
+    return all_have(w.bodies, n, {"rigid_mass", "stepping", "self_contact", "law", "prony"}) && all_have(w.poses, n);
 }
 
 void check_pose(const Poses& poses, uint32_t body) {

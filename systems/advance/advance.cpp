@@ -13,6 +13,7 @@
 #include "engine/mesh/surfaces.hpp"
 #include "engine/tissue/deformable_setup.hpp"
 #include "engine/tissue/embedded_surface.hpp"
+#include "engine/tissue/relaxation.hpp"
 #include "engine/tissue/shape_fit.hpp"
 #include "engine/tissue/spring_step.hpp"
 #include "engine/tissue/tet_forces.hpp"
@@ -61,6 +62,7 @@ AdvanceBody make_body(const AdvanceCall& call, uint32_t body, uint32_t buffer, c
     b.orientation = state.poses.orientation[body];
     b.now = state.particles.offset.data() + b.particles.first;
     b.step = bind_body(springs, bodies, call.inputs.anchors, state.particles, body, call.inputs.other.torn_springs);
+    bind_relaxation(call.inputs.other.relaxation, bodies, body, b.last_dt, b.step);
     b.tear = tear_of(call.inputs.other.tears, body);
     SpringStep& step = b.step;
     step.new_velocity_x = state.particles.velocity_x.data() + b.particles.first;
@@ -166,6 +168,7 @@ void step_leapfrog(const AdvanceCall& call, Poses& poses, AdvanceBody& b, std::v
     const SpringKernels& kernels = spring_kernels();
     // the first kick is a half one, after which velocities are half a step behind
     const double kick = 0.5 * (b.last_dt + call.dt), change = call.dt - b.last_dt;
+    if (b.step.branches > 0) set_relaxing_time(prony_of(call.inputs.bodies, b.body), b.last_dt, b.step);
     b.last_dt = call.dt;
     // damping acts half before and half after the kick: second order (Strang). Free bodies are damped
     // relative to their rigid motion, which must not slow down: all before the kick, first order
@@ -225,7 +228,7 @@ void step_bodies(const AdvanceCall& call, TissueScratch& scratch, AdvanceIsland&
         b.next = (call.substep % 2 == 0 ? scratch.offset_a : scratch.offset_b).data() + b.buffer;
         b.step.offset = &b.now->x;
         b.step.new_offset = &b.next->x;
-        b.damping_work = call.params.account_energy && b.damping > 0 ? scratch.sums.data() + b.first_chunk * kSliceWidth : nullptr;
+        b.damping_work = call.params.account_energy && (b.damping > 0 || b.step.branches > 0) ? scratch.sums.data() + b.first_chunk * kSliceWidth : nullptr;
         const bool subcycled = find_forces_of(call, island, state.particles, scratch, b, result);
         switch (b.stepping.integrator) {
             case Integrator::kLeapfrog:
@@ -288,6 +291,11 @@ void restore_body(const AdvanceCall& call, const AdvanceBody& b, const AdvanceSt
         if (!is_lost(o)) continue;
         const Vec3d g = centre + goal(p);
         o = {static_cast<float>(g.x()), static_cast<float>(g.y()), static_cast<float>(g.z()), o.w};
+    }
+    if (b.step.branches > 0) {
+        SpringStep step = b.step;
+        step.offset = &particles.offset[range.first].x;
+        forget_relaxation(step, b.slices);
     }
 }
 

@@ -27,6 +27,7 @@ OtherForces other_forces(World& w) {
     if (!w.links.group.empty()) other.links = &w.links, other.holding = &w.holding_groups;
     if (!w.nodes.drive.empty()) other.nodes = &w.nodes, other.node_state = &w.node_state;
     if (!w.tears.body.empty()) other.tears = &w.tears, other.torn = &w.torn, other.torn_springs = &w.torn_springs;
+    if (!w.relaxation.body.empty()) other.relaxation = &w.relaxation;
     if (!w.actions.action.empty()) other.actions = &w.actions, other.action_state = &w.action_state;
     return other;
 }

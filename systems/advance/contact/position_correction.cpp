@@ -173,6 +173,16 @@ struct HalfStepBack {
     }
 };
 
+// Twice the energy / stiffness (m^2) that a sudden change of the stretch adds to a spring's Maxwell elements.
+double branches_work(const SpringStep& step, size_t at, double before, double after) {
+    double work = 0;
+    for (uint32_t b = 0; b < step.branches; ++b) {
+        const double share = 0.5 / double{step.stored[b]};
+        work += (after - before) * (2 * double{step.overstretch[b * static_cast<size_t>(step.branch_stride) + at]} + share * (after + before - 2 * double{step.stretch[at]}));
+    }
+    return work;
+}
+
 // Elastic and gravity energy that a correction adds to one node; a spring with both ends moved counts by half
 // per end.
 double node_correction_work(const AdvanceCall& call, const ContactNodeSet& nodes, const HalfStepBack& at, uint32_t v, Vec4d correction,
@@ -189,7 +199,9 @@ double node_correction_work(const AdvanceCall& call, const ContactNodeSet& nodes
         const Vec4d far_correction = correction_of(nodes, body.particles.first + q), d = at.offset(q, far_correction) - from;
         const double before = std::sqrt(norm2(d)) - rest, after = std::sqrt(norm2(d + far_correction - correction)) - rest;
         const double factor = step.spring_factor ? step.spring_factor[c * kSliceWidth + lane] : 1.0;
-        springs += factor * (norm2(far_correction) > 0 ? 0.5 : 1.0) * (after * after - before * before);
+        const double share = factor * (norm2(far_correction) > 0 ? 0.5 : 1.0);
+        if (!step.other_law) springs += share * (after * after - before * before);
+        if (step.branches > 0) springs += share * branches_work(step, (c - step.first_column) * kSliceWidth + lane, before, after);
     }
     const Vec4d to_anchor = from - at.goal(v);
     const double anchor = step.anchor_stiffness[v] * (norm2(to_anchor + correction) - norm2(to_anchor));
@@ -207,7 +219,7 @@ double tet_correction_work(const AdvanceCall& call, const ContactNodeSet& nodes,
     const uint32_t body = at.body.body;
     if (!has_tets(in.other.solids, in.bodies, body)) return 0;
     const TetStep tets = bind_tets(*in.other.solids, in.bodies, particles, body, in.other.torn_springs);
-    const SolidModuli moduli = solid_moduli(in.bodies.tissue[body]);
+    const SolidModuli moduli = solid_moduli(in.bodies, body);
     const unsigned* corner[4] = {tets.corner0, tets.corner1, tets.corner2, tets.corner3};
     const uint32_t slice = v / kSliceWidth, lane = v % kSliceWidth;
     double work = 0;
@@ -216,7 +228,7 @@ double tet_correction_work(const AdvanceCall& call, const ContactNodeSet& nodes,
         if (slot == 4 * tets.tetrahedra) continue;
         const uint32_t t = slot % tets.tetrahedra;
         if (tets.rest[t] == 0) continue;  // torn
-        Vec3d from[4], to[4];
+        std::array<Vec3d, 4> from, to;
         int corrected = 0;
         for (int k = 0; k < 4; ++k) {
             const Vec4d correction = correction_of(nodes, at.body.particles.first + corner[k][t]);
@@ -224,9 +236,8 @@ double tet_correction_work(const AdvanceCall& call, const ContactNodeSet& nodes,
             to[k] = from[k] + to_vec3(correction);
             corrected += norm2(correction) > 0;
         }
-        const auto energy = [&](const Vec3d* p) { return tet_energy(moduli, tets.rest[t], six_volumes(p[0], p[1], p[2], p[3])); };
         const double factor = tets.factor ? double{tets.factor[t]} : 1.0;
-        work += factor * (energy(to) - energy(from)) / std::max(corrected, 1);
+        work += factor * (tet_energy(moduli, tets, t, to) - tet_energy(moduli, tets, t, from)) / std::max(corrected, 1);
     }
     return work;
 }

@@ -11,6 +11,7 @@
 #include "engine/tissue/deformable_setup.hpp"
 #include "engine/tissue/embedded_surface.hpp"
 #include "engine/tissue/pressure_force.hpp"
+#include "engine/tissue/relaxation.hpp"
 #include "engine/tissue/shape_fit.hpp"
 #include "engine/tissue/spring_step.hpp"
 #include "engine/tissue/tet_forces.hpp"
@@ -201,6 +202,7 @@ double step_finely(const AdvanceCall& call, const AdvanceIsland& island, TissueS
         tets.offset = step.offset;
         result.min_volume_ratio = std::min<double>(result.min_volume_ratio, add_tet_forces(tets, b.slices));
         const double kick = i == 0 ? 0.5 * (b.last_dt + dt) : dt;
+        if (step.branches > 0) set_relaxing_time(prony_of(call.inputs.bodies, b.body), i == 0 ? b.last_dt : dt, step);
         const double left = b.shape ? 1.0 : std::exp(-0.5 * b.damping * kick);
         step.kick_dt = static_cast<float>(kick * left), step.kick_less = static_cast<float>(kick * (left - 1));
         step.keep = static_cast<float>(std::exp(-b.damping * kick));

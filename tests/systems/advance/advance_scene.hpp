@@ -11,6 +11,7 @@
 #include "engine/tissue/bending_forces.hpp"
 #include "engine/tissue/deformable_setup.hpp"
 #include "engine/tissue/pressure_force.hpp"
+#include "engine/tissue/relaxation.hpp"
 #include "engine/tissue/solid_setup.hpp"
 #include "engine/tissue/tet_forces.hpp"
 #include "engine/world/add_body.hpp"
@@ -51,6 +52,7 @@ struct AdvanceScene : World {
         if (motion == Motion::kDeformable && tissue.bending > 0) add_hinges(springs, mesh_view(meshes, mesh), mesh);
         if (motion == Motion::kDeformable && is_solid(solids, mesh)) {
             add_solid_body(meshes, springs, solids, poses, body, bodies, particles, anchors);
+            give_law(meshes, springs, bodies, body, solids, relaxation);
         } else if (motion == Motion::kDeformable) {
             add_deformable(meshes, springs, poses, body, bodies, particles, anchors);
         }
@@ -142,7 +144,9 @@ struct AdvanceScene : World {
         for (uint32_t i = 0; i < all_constraints.size(); ++i) all_constraints[i] = i;
         tool_states.resize(tools.size());
         result = {};
-        advance_island(params, inputs(), moving(), all_constraints, scratch, {particles, poses, contact_constraints, tool_states}, result);
+        AdvanceInputs in = inputs();
+        if (!relaxation.body.empty()) in.other.relaxation = &relaxation;
+        advance_island(params, in, moving(), all_constraints, scratch, {particles, poses, contact_constraints, tool_states}, result);
         params.tick += ticks;
         add_advance_result(result, energy, report);
     }
@@ -152,7 +156,11 @@ struct AdvanceScene : World {
         energy_start = {};
         measure();
     }
-    void measure() { measure_energy(energy_inputs(), energy_start, energy_scratch, energy); }
+    void measure() {
+        EnergyInputs in = energy_inputs();
+        if (!relaxation.body.empty()) in.other.relaxation = &relaxation;
+        measure_energy(in, energy_start, energy_scratch, energy);
+    }
 };
 
 // Closed triangle meshes for tests, metres.
