@@ -21,7 +21,7 @@ constexpr uint32_t kResources = static_cast<uint32_t>(Resource::kCount);
 struct StageRun {
     bool ran = false;
     uint32_t stages = 0;  // number of stages in the frame
-    uint64_t reads = 0, writes = 0;
+    ResourceMask reads = 0, writes = 0;
     char name[64] = {};
     uint64_t before[kResources] = {}, after[kResources] = {};
 };
