@@ -19,8 +19,9 @@ struct PartingBodiesScratch {
 // Pairs that start inside each other (find_parting_pairs) are parted by moving whole bodies: their shapes stay, so that it
 // stores no energy, and they leave at no more than ContactParams::push_speed. Their contacts keep the bodies from
 // approaching, but corrections leave them alone. A body that something holds - anchors in the world, fixed nodes, links, jaws,
-// a drive - is not moved. Of a pair of such bodies the contacts are corrected as all others are, along the pair's direction if that
-// strains neither by more than half its size, else each along its own normal.
+// a drive - is not moved. Of a pair of such bodies the contacts are corrected along the pair's direction, as long as pressing both flat
+// takes. What overlaps by more than half the smaller one's size, or still does when its travel is used up, is left as it is: its
+// contacts only keep it from getting deeper, so that no correction feeds it energy.
 struct PartingBodies {
     const PairMemory& pairs;
     std::span<const std::array<uint32_t, 2>> joined;  // bodies connected by links and jaws

@@ -63,8 +63,8 @@ std::vector<std::vector<ToolForces>> forces_in(const std::string& name, const st
 
 std::string tool_text(const std::string& body, double radius, int dof, const Vec3d& start, const std::string& path, int triangles = 320) {
     return text_of("[[body]]\nname = \"", body, "\"\nshape = \"sphere\"\nsize = ", 2 * radius, "\ntriangles = ", triangles,
-                   "\nmotion = \"hand\"\nmass = 0.05\nposition = [", start.x(), ", ", start.y(), ", ", start.z(),
-                   "]\n[[tool]]\nbody = \"", body, "\"\ndof = ", dof, "\ntip_radius = ", radius,
+                   "\nmotion = \"hand\"\nmass = 0.05\nposition = [", start.x(), ", ", start.y(), ", ", start.z(), "]\n[[tool]]\nbody = \"",
+                   body, "\"\ndof = ", dof, "\ntip_radius = ", radius,
                    "\nstiffness = 500\ndamping = 5\nmax_force = 20\nfriction = 0.1\npath = [", path, "]\n");
 }
 std::string key(double time, const Vec3d& at) {
@@ -82,7 +82,7 @@ struct Press {
     std::string about;
 };
 
-Press any_press(uint32_t seed, bool large) {
+Press any_press(uint32_t seed, bool large, uint32_t tip_triangles) {
     AnyNumber any{std::mt19937(seed)};
     const bool solid = any.between(0, 1) < 0.4;
     const std::string shape = any.one_of(std::array{"liver", "stomach", "sphere", "kidney"});
@@ -109,12 +109,13 @@ Press any_press(uint32_t seed, bool large) {
     press.seconds = arrival + hold;
     press.about = text_of("seed ", seed, ": tip ", 1e3 * tip, " mm, ", solid ? "solid " : "shell ", shape, " of ", triangles,
                           " triangles, ", rate, " Hz, ", speed, " m/s, ", modulus, " Pa");
-    press.text = scene_text(press.seconds, rate) +
-                 text_of("[[body]]\nname = \"organ\"\nshape = \"", shape, "\"\ntriangles = ", triangles,
-                         "\nmotion = \"deformable\"\nfixed_below = ", low + 0.3 * (high - low), solid ? "\nmodel = \"solid\"" : "",
-                         "\n[body.tissue]\nyoungs_modulus = ", modulus, "\ndensity = 1060\ndamping = 60\n",
-                         solid ? "" : "wall = 8e-3\ndepth = 0.05\n") +
-                 tool_text("needle", tip, 3, above, key(0, above) + ", " + key(arrival, below) + ", " + key(press.seconds, below), 5120);
+    press.text =
+        scene_text(press.seconds, rate) +
+        text_of("[[body]]\nname = \"organ\"\nshape = \"", shape, "\"\ntriangles = ", triangles,
+                "\nmotion = \"deformable\"\nfixed_below = ", low + 0.3 * (high - low), solid ? "\nmodel = \"solid\"" : "",
+                "\n[body.tissue]\nyoungs_modulus = ", modulus, "\ndensity = 1060\ndamping = 60\n",
+                solid ? "" : "wall = 8e-3\ndepth = 0.05\n") +
+        tool_text("needle", tip, 3, above, key(0, above) + ", " + key(arrival, below) + ", " + key(press.seconds, below), tip_triangles);
     return press;
 }
 
@@ -123,10 +124,10 @@ struct PressErrors {
     uint32_t presses = 0, lost = 0, off = 0;
     double worst = 0;
 };
-PressErrors press_at_random(uint32_t first, uint32_t count, bool large) {
+PressErrors press_at_random(uint32_t first, uint32_t count, bool large, uint32_t tip_triangles) {
     PressErrors errors;
     for (uint32_t seed = first; seed < first + count; ++seed) {
-        const Press press = any_press(seed, large);
+        const Press press = any_press(seed, large, tip_triangles);
         const auto passes = forces_in("press", press.text, press.seconds);
         double felt = 0, tissue = 0;
         const size_t last = std::max<size_t>(1, passes.size() / 10);
@@ -143,18 +144,26 @@ PressErrors press_at_random(uint32_t first, uint32_t count, bool large) {
     return errors;
 }
 
-// The tip's mesh is fine: of 320 triangles, its facets lie up to 1.5 % of the radius inside the ball that the hand feels, and forces
-// differ by up to 10 % (stiffness times that depth).
+// Whatever the tip is made of: the facets of a ball of 80 triangles lie up to 7 % of its radius inside what the hand feels, of 320 up
+// to 1.5 %. Breaks without resting_gap: 10 % off in the first press, then 4 %.
 TEST(RandomPresses, TheHandFeelsTheTissueWhateverTheTip) {
-    const PressErrors e = press_at_random(100, 8, false);
-    EXPECT_EQ(e.lost, 0u);
-    EXPECT_EQ(e.off, 0u);
+    const auto expect_felt = [](uint32_t first, uint32_t count, uint32_t tip_triangles) {
+        const PressErrors e = press_at_random(first, count, false, tip_triangles);
+        EXPECT_EQ(e.lost, 0u) << tip_triangles;
+        EXPECT_EQ(e.off, 0u) << tip_triangles;
+    };
+    expect_felt(101, 1, 320);
+    for (const uint32_t tip_triangles : {80u, 320u}) expect_felt(104, 6, tip_triangles);
+    expect_felt(100, 8, 5120);
 }
-// One of them, a needle of 0.26 mm at 0.43 m/s in a coarse solid, turns tetrahedra inside out and never comes to rest.
+// One each is off: a ball of 8 mm and 80 triangles in a finely meshed shell, where more features are in contact than a tick solves for;
+// needles of 0.06 and 0.26 mm that never come to rest in tissue that is coarse or turned inside out.
 TEST(LongRandomPresses, TheHandFeelsTheTissueWhateverTheTip) {
-    const PressErrors e = press_at_random(100, 24, false);
-    EXPECT_EQ(e.lost, 0u);
-    EXPECT_LE(e.off, 1u);
+    for (const uint32_t tip_triangles : {80u, 320u, 1280u, 5120u}) {
+        const PressErrors e = press_at_random(100, 24, false, tip_triangles);
+        EXPECT_EQ(e.lost, 0u) << tip_triangles;
+        EXPECT_LE(e.off, 1u) << tip_triangles;
+    }
 }
 
 // ---- bodies that pass a still tool ----

@@ -9,6 +9,7 @@
 #include "engine/contact/sleeping_bodies.hpp"
 #include "engine/mesh/mass_properties.hpp"
 #include "engine/tissue/body_energy.hpp"
+#include "engine/tissue/pressure_force.hpp"
 #include "engine/tissue/tet_forces.hpp"
 #include "systems/advance/island/constants.hpp"
 #include "systems/app/console/format.hpp"
@@ -31,6 +32,8 @@ constexpr double kSteps = 10;            // energies of one such error that add 
 constexpr double kMilliJoule = 1e3;
 constexpr double kStepOfParticle = 11e-9,
                  kStepOfTetrahedron = 25e-9;  // s: measured on shells of 250 particles, solids of 11,448 tetrahedra
+
+constexpr double kSlowContact = 1;  // s of one processor for a second of contact
 
 const char* name_of(const World& w, uint32_t body) { return w.bodies.name[body].c_str(); }
 
@@ -160,6 +163,20 @@ double step_of(const World& w, uint32_t body) {
     return std::min({w.bodies.stable_dt[body], linked, stepping.step, w.settings.substep});
 }
 
+// Whether a body that is stepped implicitly takes the steps of leapfrog while it touches another (fine_steps.hpp: needs_leapfrog),
+// as far as the scene decides that.
+bool leaps_in_contact(const World& w, uint32_t body) {
+    if (stepping_of(w.bodies, body).integrator == Integrator::kLeapfrog || w.bodies.mesh.size() < 2) return false;
+    const auto turns = [&](const HandTool& tool) { return tool.inertia > 0; };
+    const Range particles = w.bodies.particles[body];
+    const auto is_fixed = [&](const Float4& particle) { return particle.w == 0; };
+    const auto first = w.particles.offset.begin() + particles.first;
+    const bool held = w.bodies.anchor_frame[body] == AnchorFrame::kWorld ||
+                      std::any_of(first, first + w.meshes.info[w.bodies.mesh[body]].vertices.count, is_fixed);
+    return !held || has_pressure(w.bodies, body) || self_contact_of(w.bodies, body) > 0 || !w.haptics.jaw.empty() ||
+           std::ranges::any_of(w.haptics.tool, turns) || std::ranges::find(w.bodies.motion, Motion::kFree) != w.bodies.motion.end();
+}
+
 double stored(const Energy& e) { return e.kinetic + e.elastic + e.pressure + e.bending + e.links; }
 
 // J, that rounding and contacts may give to all that forces move. Contacts leave overlaps up to their tolerance: a weight may lie
@@ -268,10 +285,16 @@ void RunWatch::look_at_steps(const World& w) {
     if (short_) return;
     std::vector<std::string> texts;
     for (uint32_t b = 0; b < w.bodies.mesh.size(); ++b) {
-        const double step = is_deformable(w.bodies, b) ? step_of(w, b) : 1;
+        if (!is_deformable(w.bodies, b)) continue;
+        const double step = step_of(w, b), leap = leaps_in_contact(w, b) ? w.bodies.stable_dt[b] : 1;
         if (step < kShortStep)
             texts.push_back(format("\"%s\" takes %.3g steps a millisecond, about %.2g s of a processor for a second", name_of(w, b),
                                    1e-3 / step, seconds_of_step(w, b) / step));
+        else if (leap < kShortStep && seconds_of_step(w, b) > kSlowContact * leap)
+            texts.push_back(
+                format("\"%s\" takes %.3g steps a millisecond while it touches another body, about %.2g s of a processor "
+                       "for a second of that",
+                       name_of(w, b), 1e-3 / leap, seconds_of_step(w, b) / leap));
     }
     if (texts.empty() && w.report.short_steps > 0)
         texts.push_back(format("tissue that is crushed or folds takes more than %.0f steps a millisecond", 1e-3 / kShortStep));

@@ -9,11 +9,31 @@ namespace trocar {
 namespace {
 
 constexpr double kStartsInsideDeep = 0.125;  // of the smaller body: what a run warns of as a mistake
+constexpr double kStartsInside = 0.001;      // of the smaller body: below this two touch
+constexpr double kMostAround = 2;            // times the depth: what parts bodies that do not reach around each other
 constexpr double kMostTravel = 4;            // of what parts a pair that starts inside each other: others may be in the way
 constexpr size_t kNormalsTried = 16;
+constexpr double kUsedUp = 1e-8;  // m, of travel: pairs with less are left as they are, and may fall asleep
 
 bool may_part(const Bodies& bodies, uint32_t a, uint32_t b) {
     return (is_deformable(bodies, a) || is_deformable(bodies, b)) && bodies.motion[a] != Motion::kHand && bodies.motion[b] != Motion::kHand;
+}
+
+// Whether a body may be moved as a whole, as far as its surface says that: nothing holds it in the world.
+bool may_move(const Surfaces& s, uint32_t body) {
+    if (s.bodies.motion[body] == Motion::kFree) return true;
+    if (!is_deformable(s.bodies, body) || s.bodies.anchor_frame[body] != AnchorFrame::kShape) return false;
+    constexpr uint32_t kLanes = 16;  // particles come in multiples of it; the last ones may be padding, without mass too
+    const Range particles = s.bodies.particles[body];
+    const uint32_t vertices = s.meshes.info[s.bodies.mesh[body]].vertices.count, skin = (vertices + kLanes - 1) / kLanes * kLanes;
+    const auto any_fixed = [&](uint32_t begin, uint32_t end) {
+        return std::any_of(s.particles.offset.begin() + begin, s.particles.offset.begin() + end, [](const Float4& p) { return p.w == 0; });
+    };
+    const uint32_t first = particles.first;
+    // the skin of a solid has no mass
+    if (particles.count > skin && s.particles.offset[first].w == 0)
+        return !any_fixed(first + skin, std::max(particles.end() - kLanes, first + skin));
+    return !any_fixed(first, first + vertices);
 }
 
 // m, how deep the middle of a body's vertices is inside another; negative if it is not. Where bodies nearly coincide no vertex is deep.
@@ -56,19 +76,24 @@ void find_parting_pairs(const ContactInputs& in, const Contacts& contacts, uint6
         while (next < before.a.size() && std::pair(before.a[next], before.b[next]) < std::pair(a, b)) ++next;
         const bool known = next < before.a.size() && before.a[next] == a && before.b[next] == b;
         const auto size = [&](uint32_t body) { return 2 * s.meshes.info[s.bodies.mesh[body]].radius; };
-        const auto starts = [&] {
-            if (tick != 0 && !enters(a) && !enters(b)) return false;
+        const double smaller = std::min(size(a), size(b));
+        const auto starting_travel = [&]() -> Vec3d {
+            if (tick != 0 && !enters(a) && !enters(b)) return Vec3d::Zero();
             const double depth = std::max(penetrations.depth[i], std::min(middle_depth(in, a, b), middle_depth(in, b, a)));
-            return depth > kStartsInsideDeep * std::min(size(a), size(b));
+            const bool deep = depth > kStartsInsideDeep * smaller;
+            if (!deep && (!(depth > kStartsInside * smaller) || (!may_move(s, a) && !may_move(s, b)))) return Vec3d::Zero();
+            const Vec3d travel = separating_translation(in, contacts, pair, scratch.normals);
+            return deep || travel.norm() <= kMostAround * depth ? Vec3d(kMostTravel * travel) : Vec3d(Vec3d::Zero());
         };
-        if (known ? !(penetrations.depth[i] > in.params.tolerance) : !starts()) continue;
-        const Vec3d travel = known ? before.direction[next] : Vec3d(kMostTravel * separating_translation(in, contacts, pair, scratch.normals));
+        if (known && !(penetrations.depth[i] > in.params.tolerance)) continue;
+        const Vec3d travel = known ? before.direction[next] : starting_travel();
         if (!(travel.norm() > 0)) continue;
         memory.a.push_back(a), memory.b.push_back(b), memory.direction.push_back(travel);
         penetrations.saturated[i] = 1;
         penetrations.separation_direction[i] = travel.normalized();
         for (const uint32_t body : {a, b})
-            if (!still.empty() && in.params.push_speed > 0 && joins_islands(s.bodies.motion[body])) still[body] = 0;
+            if (travel.norm() > kUsedUp && !still.empty() && in.params.push_speed > 0 && joins_islands(s.bodies.motion[body]))
+                still[body] = 0;
     }
 }
 

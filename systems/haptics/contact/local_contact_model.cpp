@@ -419,11 +419,37 @@ double stiffness_at_first_touch(const Surfaces& surfaces, uint32_t body, double 
     return area * tissue.youngs_modulus / tissue.depth;
 }
 
-// Height (m) of a tip above the surface that it rests on; infinite if that is farther than kMostGap.
-constexpr double kMostGap = 5e-4;  // m
+// Height (m) of a tip above the surface that it rests on; infinite if that is farther than most_gap.
+constexpr double kMostGap = 5e-4;   // m
+constexpr double kMostFacet = 0.1;  // of the radius: facets of a ball of 80 triangles lie 7 % inside it
+double most_gap(double radius) { return std::max(kMostGap, kMostFacet * radius); }
 double gap_to(const Surfaces& surfaces, uint32_t body, double radius, const Vec3d& tip, const Vec3d& normal, const LocalContactModel& out) {
     const double offset = radius + thickness_of(surfaces, body) / 2;
-    return height_above(out, body, tip, normal, offset + kMostGap) - offset;
+    return height_above(out, body, tip, normal, offset + most_gap(radius)) - offset;
+}
+
+// Gap (m) with which the proxy rests as high as the simulated tip, along a force: the surface is shown so much higher. Starts from
+// the gap of the nearest surface, which is not that of all that bears the tip - further places in a dent, facets and corners of its
+// mesh. Off by that height a hand held still would feel stiffness times that too much.
+double resting_gap(const HandTool& tool, const ToolState& state, const Vec3d& tip, double most, LocalContactScratch& scratch,
+                   const LocalContactModel& model) {
+    constexpr uint32_t kTries = 3;     // the proxy rises by what the surface does, but for where it slides to
+    constexpr double kResting = 1e-7;  // m
+    const SurfaceCompliance& c = model.compliance;
+    const double friction = feel_of(tool, model, state.touched, state.sliding).friction;
+    double gap = c.gap;
+    for (uint32_t k = 0; k < kTries; ++k) {
+        const SurfaceTime now{0, gap * c.normal};
+        const Vec3d start = state.proxy + c.slip;
+        const double travel = (start - tip).norm() + (state.device.position - tip).norm() + most;
+        gather_surface(model, now, tool, tip, travel, scratch.proxy);
+        const ProxySearch rest = find_proxy(start, state.device.position, {tip, travel}, friction, true, scratch.proxy);
+        if (rest.inside || rest.active == 0 || rest.unfinished) break;
+        const double height = c.normal.dot(tip - rest.proxy);
+        gap = std::clamp(gap + height, -most, most);
+        if (std::abs(height) < kResting) break;
+    }
+    return gap;
 }
 
 // The body that a tip presses: if that is another hand's tool with tissue between both, the tissue, which moves with the tip.
@@ -435,7 +461,8 @@ uint32_t pressed_body(const Surfaces& surfaces, const HandTool& tool, const Tool
     for (uint32_t body = state.touched; const TriangleGroup& group : out.group) {
         if (group.body == body || !is_deformable(surfaces.bodies, group.body)) continue;
         body = group.body;
-        if (std::abs(gap_to(surfaces, body, tool.tip_radius, tip, state.command.force / force, out)) <= kMostGap) return body;
+        if (std::abs(gap_to(surfaces, body, tool.tip_radius, tip, state.command.force / force, out)) <= most_gap(tool.tip_radius))
+            return body;
     }
     return state.touched;
 }
@@ -462,11 +489,12 @@ void predict_compliance(const Surfaces& surfaces, const HandTool& tool, ToolStat
             {0, 0, 0}};
         return;
     }
-    const double gap = gap_to(surfaces, now.touched, tool.tip_radius, tip, normal, out);
-    if (!(std::abs(gap) <= kMostGap)) return;
+    const double gap = gap_to(surfaces, now.touched, tool.tip_radius, tip, normal, out), most = most_gap(tool.tip_radius);
+    if (!(std::abs(gap) <= most)) return;
     Vec3d slip = tip - state.proxy - normal.dot(tip - state.proxy) * normal;
-    if (!state.proxy_valid || slip.norm() > kMostGap) slip.setZero();
+    if (!state.proxy_valid || slip.norm() > most) slip.setZero();
     out.compliance = {now.touched, share, normal, now.device, state.motion.velocity(), state.device.time, gap, slip};
+    if (state.proxy_valid) out.compliance.gap = resting_gap(tool, state, tip, most, scratch, out);
     if (!deformable) return;  // its velocities describe its motion
     const double near = tool.tip_radius + 1.5 * surfaces.meshes.info[surfaces.bodies.mesh[now.touched]].mean_edge;
     const Vec3d velocity = surfaces.poses.velocity[body] + surfaces.poses.angular_velocity[body].cross(arm);

@@ -8,6 +8,7 @@
 #include "engine/haptics/local_contact_model.hpp"
 #include "engine/haptics/surface_tree.hpp"
 #include "engine/mesh/surfaces.hpp"
+#include "systems/haptics/contact/proxy.hpp"
 namespace trocar {
 
 struct RingSum {
@@ -26,6 +27,7 @@ struct LocalContactScratch {
     SurfaceTreeScratch tree;               // for tools with a shell
     PlacedSurface placed;
     std::vector<ShellPoint> open;  // points of a tool with jaws
+    HapticScratch proxy;           // of a tip that rests on the surface
 };
 
 // The contact pass that a model is of.
@@ -66,7 +68,8 @@ void publish_point_shell_cache(const HapticParams& params, const HandTool& tool,
 //   surface. Linear in position, so valid for any motion of the hand (Mark et al., SIGGRAPH 1996; Picinbono &
 //   Lombardo 1999), unlike a force extrapolated in time.
 // - The gap is the separation that contacts left between the tip, or the points of a shell, and the surface
-//   in contact.
+//   in contact. Of a tip, whose mesh may have facets and which may rest on several places, it is that with which
+//   the proxy of the next tick rests as high as the simulated tip.
 // None of this without contact, or while the simulated tip lags behind the device's and is farther than 0.5
 // mm from the surface; a tool with a point shell uses fraction and gap only. Finally stores this pass in
 // state.last_pass for the next one.
