@@ -168,6 +168,9 @@ ConvexHulls make_convex_hulls(const Meshes& meshes, const Bodies& bodies) {
     std::vector<uint8_t> is_rigid(meshes.info.size(), 0);
     for (uint32_t body = 0; body < bodies.mesh.size(); ++body) is_rigid[bodies.mesh[body]] |= bodies.motion[body] != Motion::kDeformable;
     hulls.of_mesh.assign(meshes.info.size(), kNone);
+    // of several points that hit at once, four would lose some percent of what bodies that bounce must keep
+    for (uint32_t body = 0; body < bodies.mesh.size(); ++body)
+        if (bodies.tissue[body].restitution > 0) is_rigid[bodies.mesh[body]] = 0;
     ConvexHull hull;
     for (uint32_t mesh = 0; mesh < meshes.info.size(); ++mesh) {
         if (!is_rigid[mesh] || !make_convex_hull(meshes, mesh, hull)) continue;

@@ -39,7 +39,7 @@ struct ConvexHull {
     std::vector<uint32_t> around;        // faces at a point, ascending
 };
 
-// The hulls of the prototypes that free rigid bodies, and rigid bodies beside them, have.
+// The hulls of the prototypes of rigid bodies.
 struct ConvexHulls {
     std::vector<uint32_t> of_mesh;  // per prototype: index of hull, or kNone; empty without free bodies
     std::vector<ConvexHull> hull;
@@ -56,7 +56,7 @@ struct ConvexHulls {
 // or has too many faces.
 bool make_convex_hull(const Meshes& meshes, uint32_t prototype, ConvexHull& hull);
 
-// The hulls of all prototypes of rigid bodies, if any body is free; else none.
+// The hulls of all prototypes of rigid bodies, if any body is free; else none. None of those of bodies with restitution.
 ConvexHulls make_convex_hulls(const Meshes& meshes, const Bodies& bodies);
 
 }  // namespace trocar

@@ -149,6 +149,11 @@ bool converge_list(const AdvanceCall& call, const ContactSolver& solver, uint32_
 // sweep, as long as the sweep that follows does not raise the potential.
 bool converge_component(const AdvanceCall& call, const ContactSolver& solver, ContactComponents& components, AdvanceIsland& island,
                         std::span<PreparedConstraint* const> constraints, DirectSolve& direct, std::vector<SweptConstraint>& list) {
+    // a pile in motion converges in a few sweeps, to what moving bodies need; one that sways needs direct solutions
+    constexpr uint32_t kFirstSweeps = 12, kManyConstraints = 96;
+    if (components.sweeps.all && !solver.bounces && constraints.size() > kManyConstraints &&
+        !converge_list(call, solver, kFirstSweeps, constraints, components.sweeps.body, list, island))
+        return false;
     // not while something bounces: a direct solution would hold bodies together that are about to separate
     const bool direct_too = !solver.bounces && prepare_direct(island, components, constraints, direct);
     const uint32_t most_sweeps = direct_too ? kMostSweepsSolved : kMostSweeps, sweeps = affordable_sweeps(call, solver, most_sweeps);

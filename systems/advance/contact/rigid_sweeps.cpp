@@ -37,7 +37,7 @@ void rub(const SweptConstraint& c, Vec4d impulse, std::span<SweptBody> bodies) {
 }
 
 // As solve_angular_constraint.
-double solve(SweptConstraint& c, std::span<SweptBody> bodies) {
+double solve_swept(SweptConstraint& c, std::span<SweptBody> bodies) {
     Vec4d velocity = velocity_at(c, bodies);
     const double normal_impulse =
         std::max(0.0, c.normal_impulse - (dot(c.normal, velocity) - c.target_velocity) * c.effective_mass);
@@ -121,7 +121,7 @@ SweepChange sweep(std::span<SweptConstraint> constraints, std::span<SweptBody> b
     for (SweptConstraint& c : constraints) {
         c.normal_before = c.normal_impulse;
         c.friction_before = c.friction_impulse;
-        all.velocity = std::max(all.velocity, solve(c, bodies));
+        all.velocity = std::max(all.velocity, solve_swept(c, bodies));
         const double normal = c.normal_impulse - c.normal_before;
         all.squared_impulse += normal * normal + norm2(c.friction_impulse - c.friction_before);
     }

@@ -17,7 +17,7 @@ constexpr double kPreferFaces = 5e-4;
 
 using Found = ConvexManifoldsScratch::Found;
 
-void find_pair(const ContactInputs& in, uint32_t pair, ConvexManifoldsScratch::Chunk& chunk) {
+void find_hull_pair(const ContactInputs& in, uint32_t pair, ConvexManifoldsScratch::Chunk& chunk) {
     const Surfaces& s = in.surfaces;
     const uint32_t a = in.pairs.a[pair], b = in.pairs.b[pair];
     const ConvexHull &hull_a = *in.hulls->of(s.bodies, a), &hull_b = *in.hulls->of(s.bodies, b);
@@ -66,7 +66,7 @@ void find_convex_manifolds(const ContactInputs& in, ConvexManifoldsScratch& scra
         ConvexManifoldsScratch::Chunk& chunk = scratch.chunk[begin / kHullPairsPerChunk];
         chunk.found.clear();
         for (uint32_t pair = begin; pair < end; ++pair)
-            if (touch_as_hulls(in, pair)) find_pair(in, pair, chunk);
+            if (touch_as_hulls(in, pair)) find_hull_pair(in, pair, chunk);
     });
     scratch.before.clear();
     uint32_t before = 0;

@@ -15,14 +15,14 @@ namespace {
 
 constexpr double kPreferred = 1e-5;  // m
 
-Mesh capsule(uint32_t n) {
-    return make_sphere(n, [=](const Vec3d& p) { return Vec3d(0.03 * p + Vec3d(0, 0, p.z() >= 0 ? 0.02 : -0.02)); });
-}
-
-Mesh stone(std::mt19937& random) {
+// Hull of points on a ball of 50 mm, pulled apart along z by `stretch` (m).
+Mesh stone(std::mt19937& random, double stretch) {
     std::normal_distribution<double> normal;
     std::vector<Vec3d> points;
-    for (int i = 0; i < 14; ++i) points.push_back(0.05 * Vec3d(normal(random), normal(random), normal(random)).normalized());
+    for (int i = 0; i < 16; ++i) {
+        const Vec3d p = Vec3d(normal(random), normal(random), normal(random)).normalized();
+        points.push_back(0.05 * p + Vec3d(0, 0, p.z() > 0 ? stretch : -stretch));
+    }
     return reference::hull_of(points);
 }
 
@@ -50,8 +50,8 @@ Pair random_pair(std::mt19937& random) {
     const auto shape = [&] {
         switch (random() % 3) {
             case 0: return make_box({0.04 + 0.03 * unit(random), 0.06, 0.05}, {1, 2, 3});
-            case 1: return capsule(2);
-            default: return stone(random);
+            case 1: return stone(random, 0.02);
+            default: return stone(random, 0);
         }
     };
     Pair pair{{shape(), shape()}, {}, Vec3d(normal(random), normal(random), normal(random)).normalized()};
@@ -66,7 +66,8 @@ TEST(ConvexHull, FacesAreMergedAndDentsRefused) {
     EXPECT_EQ(box.edge.size(), 12u);
     EXPECT_EQ(box.point.size(), 8u);
     for (const HullFace& face : box.face) EXPECT_NEAR(face.offset, 0.5 * face.normal.cwiseAbs().dot(Vec3d(0.1, 0.2, 0.3)), 1e-15);
-    const ConvexHull ball = hull_of_mesh(make_sphere(3, [](const Vec3d& p) { return Vec3d(0.1 * p); }));
+    std::mt19937 random(3);
+    const ConvexHull ball = hull_of_mesh(stone(random, 0));
     EXPECT_EQ(ball.point.size() + ball.face.size(), ball.edge.size() + 2) << "Euler";
 
     Meshes meshes;
@@ -77,7 +78,7 @@ TEST(ConvexHull, FacesAreMergedAndDentsRefused) {
     Mesh dented = make_box({0.1, 0.1, 0.1}, {2, 2, 2});
     const double radius = 0.05 * std::sqrt(3.0);
     for (Vec3d& p : dented.position)
-        if (p.norm() > 0.04 && p.x() == 0 && p.y() == 0 && p.z() > 0) p.z() -= 0.5 * kConvexTolerance * radius;
+        if (p.x() == 0 && p.y() == 0 && p.z() > 0) p.z() -= 0.5 * kConvexTolerance * radius;
     EXPECT_FALSE(refuses(dented));
     for (Vec3d& p : dented.position)
         if (p.x() == 0 && p.y() == 0 && p.z() > 0) p.z() -= 2 * kConvexTolerance * radius;
@@ -96,7 +97,7 @@ TEST(ConvexManifolds, SeparateAlongTheBestOfAllDirections) {
     std::mt19937 random(7);
     HullContactScratch scratch;
     int inside = 0, outside = 0;
-    for (int i = 0; i < 300; ++i) {
+    for (int i = 0; i < 100; ++i) {
         const Pair pair = random_pair(random);
         HullManifold manifold;
         find_hull_contacts(hull_of_mesh(pair.mesh[0]), hull_of_mesh(pair.mesh[1]), pair.turn, pair.shift, 1, kPreferred, scratch, manifold);
@@ -106,8 +107,8 @@ TEST(ConvexManifolds, SeparateAlongTheBestOfAllDirections) {
         ASSERT_GE(manifold.count, 1u) << i;
         ++(exact < 0 ? inside : outside);
     }
-    EXPECT_GT(inside, 100);
-    EXPECT_GT(outside, 50);
+    EXPECT_GT(inside, 30);
+    EXPECT_GT(outside, 15);
 }
 
 // Judged by the triangles: moved apart by the separation, the bodies no longer overlap; by a hair less, they still do. Every
