@@ -4,6 +4,7 @@
 
 #include "components/contacts.hpp"
 #include "engine/distance/closest_point.hpp"
+#include "engine/mesh/convex_hull.hpp"
 #include "engine/mesh/surfaces.hpp"
 namespace trocar {
 
@@ -17,6 +18,7 @@ struct ContactInputs {
     const BodyBoxes& boxes;
     const BroadPhasePairs& pairs;
     std::span<const std::unique_ptr<ClosestPointTree>> trees;  // trees[bodies.tree[i]] is that of body i, refitted
+    const ConvexHulls* hulls = nullptr;                        // none: all contact is that of triangles
 };
 
 }  // namespace trocar

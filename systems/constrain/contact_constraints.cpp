@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "engine/contact/contact_constraints.hpp"
+#include "engine/contact/convex_pairs.hpp"
 #include "engine/contact/tool_parts.hpp"
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/jobs/parallel.hpp"
@@ -184,10 +185,51 @@ bool find_exit(const Surfaces& s, const Contacts& contacts, uint32_t i, const Ve
     return true;
 }
 
+// Plane of a contact of hulls: through a corner of the triangle, or where the line through two of them meets it. Repeated corners say
+// that it is not bounded by a triangle.
+void attach_plane(const ContactInputs& in, const Contacts& contacts, uint32_t i, ContactConstraints& constraints) {
+    const uint32_t other = contacts.other[i], prototype = in.surfaces.bodies.mesh[other];
+    const MeshView mesh = mesh_view(in.surfaces.meshes, prototype);
+    const Vec3d normal = constraints.normal[i], closest = world_to_frame(in.surfaces, other, contacts.closest[i]);
+    Triangle corner = mesh.triangle[contacts.triangle[i]];
+    std::array<double, 3> height;
+    for (int k = 0; k < 3; ++k) height[k] = normal.dot(mesh.position[corner[k]] - closest);
+    const auto lower = [&](int a, int b) { return std::abs(height[a]) < std::abs(height[b]); };
+    const int near = lower(1, 0) ? (lower(2, 1) ? 2 : 1) : (lower(2, 0) ? 2 : 0);
+    float along = 0;
+    int far = near;
+    if (std::abs(height[near]) > kConvexTolerance * mesh.info->radius) {
+        for (int k = 0; k < 3; ++k)
+            if (std::abs(height[k] - height[near]) > std::abs(height[far] - height[near])) far = k;
+        if (far != near) along = static_cast<float>(height[near] / (height[near] - height[far]));
+    }
+    constraints.triangle[i] = {corner[near], corner[far], corner[far]};
+    constraints.weight[i] = {1.0f - along, along, 0.0f};
+}
+
+// Writes the constraint of contact i of two hulls.
+void make_hull_constraint(const ContactInputs& in, const Contacts& contacts, uint32_t i, ContactConstraints& constraints) {
+    const Bodies& bodies = in.surfaces.bodies;
+    const uint32_t body = contacts.body[i], other = contacts.other[i];
+    constraints.contact[i] = i;
+    constraints.body[i] = body, constraints.other[i] = other;
+    constraints.vertex[i] = contacts.vertex[i];
+    constraints.along[i] = contacts.along[i];
+    constraints.third[i] = kNone, constraints.across[i] = 0;
+    constraints.normal[i] = rotate_back(in.surfaces.poses.orientation[other], contacts.normal[i]);
+    constraints.distance[i] = contacts.distance[i];
+    constraints.friction[i] = float(std::max(bodies.tissue[body].friction, bodies.tissue[other].friction));
+    attach_plane(in, contacts, i, constraints);
+}
+
 // Writes contact i's constraint to index i. False if it has none.
 bool make_constraint(const ContactInputs& in, const Contacts& contacts, const Penetrations& penetrations, uint32_t i,
                      ContactConstraintsScratch& scratch, ContactConstraints& constraints) {
     const Surfaces& surfaces = in.surfaces;
+    if (touch_as_hulls(in, contacts.pair[i])) {
+        make_hull_constraint(in, contacts, i, constraints);
+        return true;
+    }
     if (touch_as_sheets(surfaces, contacts.body[i], contacts.other[i])) return false;
     if (in.params.faces && is_beyond_sheet(surfaces, contacts, i)) return false;
     const uint32_t body = contacts.body[i], other = contacts.other[i];

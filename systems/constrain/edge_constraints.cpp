@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "engine/base/subspan.hpp"
+#include "engine/contact/convex_pairs.hpp"
 #include "engine/mesh/contact_kernels.hpp"
 namespace trocar {
 namespace {
@@ -123,7 +124,7 @@ void add_edge_constraints(const ContactInputs& in, const CandidateTriangles& can
         if (overlap < penetrations.pair.size() && penetrations.pair[overlap] == pair && penetrations.saturated[overlap]) continue;
         const uint32_t body[2] = {in.pairs.a[pair], in.pairs.b[pair]};
         if (bodies.motion[body[0]] != Motion::kFree && bodies.motion[body[1]] != Motion::kFree) continue;
-        if (is_deformable(bodies, body[0]) || is_deformable(bodies, body[1])) continue;
+        if (is_deformable(bodies, body[0]) || is_deformable(bodies, body[1]) || touch_as_hulls(in, pair)) continue;
         for (int side = 0; side < 2; ++side) {
             const auto near = subspan(candidates.near, candidates.side[2 * pair + side]);
             collect_edges(surfaces, body[side], near, scratch.edge, scratch.sharp[side]);

@@ -22,7 +22,8 @@ using Points = std::vector<CoplanarConstraint>;
 
 bool is_rigid(const Surfaces& s, const ContactConstraints& constraints, uint32_t constraint) {
     return !is_deformable(s.bodies, constraints.body[constraint]) && !is_deformable(s.bodies, constraints.other[constraint]) &&
-           std::isfinite(constraints.distance[constraint]);
+           std::isfinite(constraints.distance[constraint]) &&
+           constraints.triangle[constraint][1] != constraints.triangle[constraint][2];  // of hulls: few already
 }
 
 std::pair<uint32_t, uint32_t> pair_of(const ContactConstraints& constraints, uint32_t constraint) {

@@ -39,6 +39,7 @@ enum class StageId : uint8_t {
     kMemoryOrder,
     kKeptEdges,
     kFacePass,
+    kConvexManifolds,
     kPenetration,
     kDeepOverlap,
     kRegions,

@@ -26,6 +26,7 @@
 #include "systems/detect/broad/refit_trees.hpp"
 #include "systems/detect/broad/separating_axis_culling.hpp"
 #include "systems/detect/narrow/contours.hpp"
+#include "systems/detect/narrow/convex_manifolds.hpp"
 #include "systems/detect/narrow/edge_pass.hpp"
 #include "systems/detect/narrow/face_depth.hpp"
 #include "systems/detect/narrow/overlap.hpp"
@@ -79,6 +80,7 @@ struct FrameScratch {
     EdgePassScratch edges;
     ContactMemoryScratch memory;
     FaceDepthScratch faces;
+    ConvexManifoldsScratch manifolds;
     PairMemory directions_before;  // of find_separation_directions
     PartingPairsScratch parting_pairs;
     PartingBodiesScratch parting_bodies;
@@ -124,6 +126,7 @@ struct FrameState {
     ContactHook contact_hook;
     std::vector<std::string_view> island_name;  // with a trace, per body: of the island whose first body it is
     size_t bodies = 0, prototypes = 0;          // for which the stages were chosen
+    ConvexHulls hulls;                          // of the prototypes of rigid bodies, made with the stages
 };
 
 inline double period_seconds(const World& w) { return w.clock.period * 1e-3; }

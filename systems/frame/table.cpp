@@ -65,9 +65,9 @@ void tool_cuts(World& w, FrameState&) {
 
 void lens_fog(World& w, FrameState&) { fog_lenses(period_seconds(w), {surfaces_of(w), w.solids, w.trees}, w.spawning, w.node_state, w.lenses.lens); }
 
-ContactInputs contact_inputs(const World& w) {
+ContactInputs contact_inputs(const World& w, const FrameState& f) {
     const double period = period_seconds(w);
-    return {w.settings.contact, period, fall_in_period(w.settings.gravity, period), surfaces_of(w), w.boxes, w.pairs, w.trees};
+    return {w.settings.contact, period, fall_in_period(w.settings.gravity, period), surfaces_of(w), w.boxes, w.pairs, w.trees, &f.hulls};
 }
 
 void body_boxes(World& w, FrameState& f) {
@@ -99,44 +99,45 @@ void sleep(World& w, FrameState& f) {
 }
 void refit(World& w, FrameState& f) { refit_trees(w.bodies, w.particles, w.pairs, f.scratch.refit, w.trees); }
 void impact_times(World& w, FrameState& f) {
-    find_times_of_impact(contact_inputs(w), w.fast_bodies, f.scratch.pair_time_of_impact, w.impact_times);
+    find_times_of_impact(contact_inputs(w, f), w.fast_bodies, f.scratch.pair_time_of_impact, w.impact_times);
 }
 void rasterise_bodies(World& w, FrameState& f) {
-    rasterise(contact_inputs(w), f.limits.direct_tests, f.scratch.rasterise, w.report, w.screened, w.occupancy);
+    rasterise(contact_inputs(w, f), f.limits.direct_tests, f.scratch.rasterise, w.report, w.screened, w.occupancy);
 }
 void candidate_cells(World& w, FrameState& f) {
     const DirectPairs direct{f.limits.direct_tests, w.displacement_bounds};
-    find_candidate_triangles(contact_inputs(w), direct, w.screened, w.occupancy, f.scratch.cells, w.candidates);
+    find_candidate_triangles(contact_inputs(w, f), direct, w.screened, w.occupancy, f.scratch.cells, w.candidates);
 }
-void parted_triangles(World& w, FrameState& f) { cull_by_separating_axis(contact_inputs(w), f.scratch.separating_axis, w.candidates); }
-void contours(World& w, FrameState& f) { find_contours(contact_inputs(w), w.candidates, f.scratch.contours, w.contours); }
+void parted_triangles(World& w, FrameState& f) { cull_by_separating_axis(contact_inputs(w, f), f.scratch.separating_axis, w.candidates); }
+void contours(World& w, FrameState& f) { find_contours(contact_inputs(w, f), w.candidates, f.scratch.contours, w.contours); }
 void overlap(World& w, FrameState& f) {
-    find_overlap(contact_inputs(w), w.screened, w.candidates, f.scratch.overlap, w.report, w.near, w.contacts);
+    find_overlap(contact_inputs(w, f), w.screened, w.candidates, f.scratch.overlap, w.report, w.near, w.contacts);
 }
 void edge_pass(World& w, FrameState& f) {
-    find_edge_contacts(contact_inputs(w), w.candidates, w.near, f.scratch.edges, w.report, w.contacts);
+    find_edge_contacts(contact_inputs(w, f), w.candidates, w.near, f.scratch.edges, w.report, w.contacts);
 }
 void memory_order(World& w, FrameState& f) { order_memory(w.contact_memory, f.scratch.memory, w.memory_order); }
-void kept_edges(World& w, FrameState& f) { keep_edges(contact_inputs(w), w.contact_memory, w.memory_order, f.scratch.memory, w.contacts); }
+void kept_edges(World& w, FrameState& f) { keep_edges(contact_inputs(w, f), w.contact_memory, w.memory_order, f.scratch.memory, w.contacts); }
 void face_pass(World& w, FrameState& f) {
-    find_face_contacts(contact_inputs(w), f.limits.face_queries, w.screened, w.candidates, w.near, f.scratch.faces, w.contacts);
+    find_face_contacts(contact_inputs(w, f), f.limits.face_queries, w.screened, w.candidates, w.near, f.scratch.faces, w.contacts);
 }
+void convex_manifolds(World& w, FrameState& f) { find_convex_manifolds(contact_inputs(w, f), f.scratch.manifolds, w.contacts); }
 void penetration(World& w, FrameState&) { measure_penetrations(w.pairs, w.contacts, w.report, w.penetrations); }
 void deep_overlap(World& w, FrameState& f) {
-    find_separation_directions(contact_inputs(w), w.contacts, f.scratch.directions_before, w.pair_memory, w.penetrations, w.sleep.still);
-    find_parting_pairs(contact_inputs(w), w.contacts, w.clock.tick, w.spawning, f.scratch.parting_pairs, w.pair_memory, w.penetrations,
+    find_separation_directions(contact_inputs(w, f), w.contacts, f.scratch.directions_before, w.pair_memory, w.penetrations, w.sleep.still);
+    find_parting_pairs(contact_inputs(w, f), w.contacts, w.clock.tick, w.spawning, f.scratch.parting_pairs, w.pair_memory, w.penetrations,
                        w.sleep.still);
 }
 void regions(World& w, FrameState& f) {
-    find_regions(contact_inputs(w), w.screened, w.near, w.contacts, w.contours, f.scratch.regions, w.regions);
+    find_regions(contact_inputs(w, f), w.screened, w.near, w.contacts, w.contours, f.scratch.regions, w.regions);
 }
-void tools_inside(World& w, FrameState&) { find_tools_inside(contact_inputs(w), w.contacts, w.haptics, w.report); }
+void tools_inside(World& w, FrameState& f) { find_tools_inside(contact_inputs(w, f), w.contacts, w.haptics, w.report); }
 void contact_constraints(World& w, FrameState& f) {
-    make_contact_constraints(contact_inputs(w), w.contacts, w.penetrations, f.scratch.constraints, w.report, w.contact_constraints,
+    make_contact_constraints(contact_inputs(w, f), w.contacts, w.penetrations, f.scratch.constraints, w.report, w.contact_constraints,
                              w.haptics);
 }
 void edge_constraints(World& w, FrameState& f) {
-    add_edge_constraints(contact_inputs(w), w.candidates, w.penetrations, f.scratch.edge_constraints, w.contact_constraints);
+    add_edge_constraints(contact_inputs(w, f), w.candidates, w.penetrations, f.scratch.edge_constraints, w.contact_constraints);
 }
 void loaded_constraints(World& w, FrameState&) {
     mark_loaded(surfaces_of(w), w.contact_memory, w.memory_order, w.contact_constraints, w.loaded_constraints);
@@ -387,6 +388,8 @@ constexpr FrameStage kStages[] = {
         mask(R::kContacts)}, any_pair},
     {S::kFacePass,        P::kDetection,{"face pass",       run<stages::face_pass>,         kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kScreened, R::kNear, R::kTrees),
         mask(R::kContacts)}, wants_faces},
+    {S::kConvexManifolds, P::kDetection,{"convex manifolds", run<stages::convex_manifolds>, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),
+        mask(R::kContacts)}, any_free_pair},
     {S::kPenetration,     P::kDetection,{"penetration",     run<stages::penetration>,       mask(R::kPairs, R::kContacts),
         mask(R::kPenetrations, R::kReport)}, any_pair},
     {S::kDeepOverlap,     P::kDetection,{"deep overlap",    run<stages::deep_overlap>,      kShapes | mask(R::kSettings, R::kClock, R::kPairs, R::kContacts, R::kTrees, R::kSpawning),

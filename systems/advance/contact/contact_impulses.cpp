@@ -194,13 +194,24 @@ ClosestPoint find_closest_point(Vec4d a, Vec4d b, Vec4d c, Vec4d point, Vec4d pl
     return closest;
 }
 
-// Attaches the plane of a constraint to the rigid body's triangle where it was detected.
+// Whether a constraint's plane ends with a triangle; those of convex hulls do not.
+bool is_bounded(const ContactConstraints& constraints, uint32_t constraint) {
+    return constraints.triangle[constraint][1] != constraints.triangle[constraint][2];
+}
+
+// Attaches the plane of a constraint to the rigid body's triangle where it was detected; that of a hull, which no triangle bounds, where
+// the point of the other body is.
 void place_plane(const AdvanceCall& call, const AdvanceIsland& island, const ContactConstraints& constraints, PreparedConstraint& c) {
     const uint32_t mesh = call.inputs.bodies.mesh[island.rigid[c.rigid_b].body];
     c.plane = to_vec4(constraints.normal[c.constraint]);
     c.point_b = Vec4d{};
     for (int i = 0; i < 3; ++i) c.point_b += c.weight_b[i] * rest_position(call.inputs.meshes, mesh, constraints.triangle[c.constraint][i]);
     c.moved_plane = false;
+    if (!is_bounded(constraints, c.constraint)) {
+        const RigidMap &a = island.rigid[c.rigid_a].pose[0], &b = island.rigid[c.rigid_b].pose[0];
+        const Vec4d point = b.turn_back(a(c.point_a) - b.shift);
+        c.point_b = point - c.plane * dot(c.plane, point - c.point_b);
+    }
 }
 
 // The same for a constraint. Where its point has left the triangle of a rigid body, the plane follows the body's surface.
@@ -210,6 +221,7 @@ ClosestPoint find_closest_point(const AdvanceCall& call, const AdvanceIsland& is
         const auto position = [&](int k) { return field_at(island.nodes, c.node_b[k], &ContactNodes::position); };
         return find_closest_point(position(0), position(1), position(2), r.point, r.plane, r.normal, c.weight_b);
     }
+    if (!is_bounded(constraints, c.constraint)) return {c.weight_b, c.point_b, false};
     const AdvanceRigid& rigid = island.rigid[c.rigid_b];
     const MeshView mesh = mesh_view(call.inputs.meshes, call.inputs.bodies.mesh[rigid.body]);
     const Triangle& t = constraints.triangle[c.constraint];

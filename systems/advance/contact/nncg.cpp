@@ -9,6 +9,7 @@
 #include "engine/jobs/parallel.hpp"
 #include "systems/advance/contact/contact_impulses.hpp"
 #include "systems/advance/contact/direct_solve.hpp"
+#include "systems/advance/contact/rigid_sweeps.hpp"
 #include "systems/advance/contact/wide_constraints.hpp"
 #include "systems/advance/island/constants.hpp"
 #include "systems/advance/rigid/driven_bodies.hpp"
@@ -76,9 +77,40 @@ bool iterate_to_convergence(const AdvanceCall& call, const ContactSolver& solver
     return true;
 }
 
+// As converge_groups, over compact copies: a list for each group.
+bool converge_group_lists(const AdvanceCall& call, uint32_t sweeps, RigidSweeps& swept, ContactSolver& solver, AdvanceIsland& island) {
+    const std::span<SweptBody> bodies(swept.body);
+    const auto list_of = [&](const ConstraintGroup& group) -> std::vector<SweptConstraint>& {
+        return swept.list[size_t(&group - solver.group.data())];
+    };
+    if (swept.list.size() < solver.colour[4]) swept.list.resize(solver.colour[4]);
+    for_each_group(solver, [&](ConstraintGroup& group) {
+        std::vector<SweptConstraint>& list = list_of(group);
+        make_room(list, group.prepared.count);
+        list.clear();
+        for (const uint32_t i : group.active) list.push_back(compact(island, bodies, solver.prepared[i]));
+    });
+    const auto sweep_all = [&] {
+        for_each_group(solver, [&](ConstraintGroup& group) { group.change = sweep(list_of(group), bodies); });
+        SweepChange all;
+        for (uint32_t g = 0; g < solver.colour[4]; ++g) {
+            all.velocity = std::max(all.velocity, solver.group[g].change.velocity);
+            all.squared_impulse += solver.group[g].change.squared_impulse;
+        }
+        return all;
+    };
+    const bool stopped = iterate_to_convergence(call, solver, sweeps, sweep_all, [&](double share) {
+        for_each_group(solver, [&](ConstraintGroup& group) { move_on(share, list_of(group), bodies); });
+    });
+    for_each_group(solver, [&](ConstraintGroup& group) { store_impulses(list_of(group)); });
+    for (uint32_t g = 0; g < solver.colour[4]; ++g) store_bodies(swept.list[g], bodies, island);
+    return stopped;
+}
+
 // Returns whether the bound on work ended it; as converge_component.
-bool converge_groups(const AdvanceCall& call, ContactSolver& solver, AdvanceIsland& island) {
+bool converge_groups(const AdvanceCall& call, RigidSweeps& swept, ContactSolver& solver, AdvanceIsland& island) {
     const uint32_t sweeps = affordable_sweeps(call, solver, kMostSweeps);
+    if (swept.all) return converge_group_lists(call, sweeps, swept, solver, island) && sweeps < kMostSweeps;
     const auto sweep = [&] {
         for_each_group(solver, [&](ConstraintGroup& group) {
             group.change = {};
@@ -100,13 +132,33 @@ bool converge_groups(const AdvanceCall& call, ContactSolver& solver, AdvanceIsla
     return stopped && sweeps < kMostSweeps;
 }
 
+// Sweeps over compact copies of a component's constraints.
+bool converge_list(const AdvanceCall& call, const ContactSolver& solver, uint32_t sweeps, std::span<PreparedConstraint* const> constraints,
+                   std::span<SweptBody> bodies, std::vector<SweptConstraint>& list, AdvanceIsland& island) {
+    make_room(list, constraints.size());
+    list.clear();
+    for (PreparedConstraint* constraint : constraints) list.push_back(compact(island, bodies, *constraint));
+    const bool stopped = iterate_to_convergence(
+        call, solver, sweeps, [&] { return sweep(list, bodies); }, [&](double share) { move_on(share, list, bodies); });
+    store_impulses(list);
+    store_bodies(list, bodies, island);
+    return stopped;
+}
+
 // Solves one component to convergence. If it is small, its loaded constraints are solved directly before a
 // sweep, as long as the sweep that follows does not raise the potential.
 bool converge_component(const AdvanceCall& call, const ContactSolver& solver, ContactComponents& components, AdvanceIsland& island,
-                        std::span<PreparedConstraint* const> constraints, DirectSolve& direct) {
+                        std::span<PreparedConstraint* const> constraints, DirectSolve& direct, std::vector<SweptConstraint>& list) {
+    // a pile in motion converges in a few sweeps, to what moving bodies need; one that sways needs direct solutions
+    constexpr uint32_t kFirstSweeps = 12, kManyConstraints = 96;
+    if (components.sweeps.all && !solver.bounces && constraints.size() > kManyConstraints &&
+        !converge_list(call, solver, kFirstSweeps, constraints, components.sweeps.body, list, island))
+        return false;
     // not while something bounces: a direct solution would hold bodies together that are about to separate
     const bool direct_too = !solver.bounces && prepare_direct(island, components, constraints, direct);
     const uint32_t most_sweeps = direct_too ? kMostSweepsSolved : kMostSweeps, sweeps = affordable_sweeps(call, solver, most_sweeps);
+    if (!direct_too && components.sweeps.all)
+        return converge_list(call, solver, sweeps, constraints, components.sweeps.body, list, island) && sweeps < most_sweeps;
     uint32_t solutions_left =
                  direct_too ? (sweeps < most_sweeps ? std::min(kMostSolutions, sweeps / kSweepsPerSolution) : kMostSolutions) : 0,
              sweeps_since = 0, sweeps_between = 0;
@@ -184,6 +236,16 @@ bool find_components(const AdvanceIsland& island, ContactComponents& components,
     return true;
 }
 
+// Whether compact copies can be swept: of all active constraints or of none.
+void find_swept(const AdvanceIsland& island, const ContactSolver& solver, RigidSweeps& swept) {
+    swept.all = std::ranges::none_of(island.free, [](const AdvanceFree& f) { return f.drive != kNone || f.held; }) &&
+                std::ranges::all_of(std::span(solver.group).first(solver.colour[4]), [&](const ConstraintGroup& group) {
+                    return group.active_wide.empty() &&
+                           std::ranges::all_of(group.active, [&](uint32_t i) { return is_swept(island, solver.prepared[i]); });
+                });
+    if (swept.all) load_bodies(island, swept.body);
+}
+
 }  // namespace
 
 void solve_to_convergence(const AdvanceCall& call, ContactComponents& components, ContactSolver& solver, AdvanceIsland& island,
@@ -191,19 +253,22 @@ void solve_to_convergence(const AdvanceCall& call, ContactComponents& components
     make_room(components.sorted_active, solver.prepared.size());
     make_room(components.component, island.nodes.node.size());
     make_room(components.component_of, island.nodes.node.size());
+    find_swept(island, solver, components.sweeps);
     if (!find_components(island, components, solver)) {
-        result.unsolved_substeps += converge_groups(call, solver, island);
+        result.unsolved_substeps += converge_groups(call, components.sweeps, solver, island);
         return;
     }
     const uint32_t count = static_cast<uint32_t>(components.component.size());
     if (const uint32_t chunks = chunk_count(count, kComponentsPerChunk); components.direct.size() < chunks)
         components.direct.resize(chunks);
+    if (const uint32_t chunks = chunk_count(count, kComponentsPerChunk); components.sweeps.list.size() < chunks)
+        components.sweeps.list.resize(chunks);
     std::atomic<bool> stopped = false;
     parallel_for(count, kComponentsPerChunk, [&](uint32_t begin, uint32_t end) {
         for (uint32_t i = begin; i < end; ++i) {
             const Range range = components.component[i];
             if (converge_component(call, solver, components, island, std::span(components.sorted_active).subspan(range.first, range.count),
-                                   components.direct[begin / kComponentsPerChunk]))
+                                   components.direct[begin / kComponentsPerChunk], components.sweeps.list[begin / kComponentsPerChunk]))
                 stopped.store(true, std::memory_order_relaxed);
         }
     });

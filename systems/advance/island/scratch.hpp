@@ -6,6 +6,7 @@
 #include "engine/tissue/implicit_factor.hpp"
 #include "systems/advance/island/constraints.hpp"
 #include "systems/advance/island/island.hpp"
+#include "systems/advance/island/swept.hpp"
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wpsabi"
 namespace trocar {
@@ -109,6 +110,7 @@ struct ContactComponents {
     std::vector<Range> component;        // ranges of sorted_active
     std::vector<uint32_t> component_of;  // per node: its component, or during that one's solve its index in DirectSolve::body
     std::vector<DirectSolve> direct;     // per chunk of components
+    RigidSweeps sweeps;
 };
 
 // Reused memory of advance_island, one per thread that may run it. Contents are meaningless between calls.

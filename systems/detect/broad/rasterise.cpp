@@ -16,13 +16,18 @@ Box overlap_of(const Box& a, const Box& b) { return {a.min.cwiseMax(b.min), a.ma
 Box enlarged(const Box& box, double by) { return {box.min - Vec3d::Constant(by), box.max + Vec3d::Constant(by)}; }
 Box joined(const Box& a, const Box& b) { return {a.min.cwiseMin(b.min), a.max.cwiseMax(b.max)}; }
 
-// Overlap boxes of all pairs, enlarged slightly beyond rounding, and the list of each body's.
-Box collect_regions(const BodyBoxes& boxes, const BroadPhasePairs& pairs, RasteriseScratch& scratch) {
+// Overlap boxes of all pairs that touch by triangles, enlarged slightly beyond rounding, and the list of each body's.
+Box collect_regions(const ContactInputs& in, RasteriseScratch& scratch) {
+    const BodyBoxes& boxes = in.boxes;
+    const BroadPhasePairs& pairs = in.pairs;
     const uint32_t count = uint32_t(pairs.a.size()), bodies = uint32_t(boxes.box.size());
     Box all;
     scratch.region.resize(count);
     scratch.region_first.assign(bodies + 2, 0);
+    scratch.by_triangles.resize(count);
     for (uint32_t i = 0; i < count; ++i) {
+        scratch.by_triangles[i] = !touch_as_hulls(in, i);
+        if (!scratch.by_triangles[i]) continue;
         const Box region = overlap_of(boxes.box[pairs.a[i]], boxes.box[pairs.b[i]]);
         scratch.region[i] = enlarged(region, 1e-14 * region.min.cwiseAbs().cwiseMax(region.max.cwiseAbs()).maxCoeff());
         all = joined(all, scratch.region[i]);
@@ -32,11 +37,13 @@ Box collect_regions(const BodyBoxes& boxes, const BroadPhasePairs& pairs, Raster
     for (uint32_t i = 0; i < bodies; ++i) scratch.region_first[i + 2] += scratch.region_first[i + 1];
     scratch.region_pair.resize(2 * size_t(count));
     for (uint32_t i = 0; i < count; ++i) {
+        if (!scratch.by_triangles[i]) continue;
         scratch.region_pair[scratch.region_first[pairs.a[i] + 1]++] = i;
         scratch.region_pair[scratch.region_first[pairs.b[i] + 1]++] = i;
     }
-    scratch.packed_region.resize(2 * size_t(count));
-    for (uint32_t i = 0; i < 2 * count; ++i) {
+    const uint32_t regions = scratch.region_first[bodies];
+    scratch.packed_region.resize(regions);
+    for (uint32_t i = 0; i < regions; ++i) {
         scratch.packed_region[i] = pack_box(scratch.region[scratch.region_pair[i]], all.min);
     }
     scratch.body.clear();
@@ -388,8 +395,8 @@ void set_direct_pairs_apart(const ContactInputs& in, const ScreenedTriangles& sc
 void rasterise(const ContactInputs& in, uint64_t most_direct, RasteriseScratch& scratch, Report& report, ScreenedTriangles& screened,
                Occupancy& occupancy) {
     TROCAR_ASSERT(in.params.cell_edges > 0 && std::isfinite(in.params.cell_edges));
-    const bool any = !in.pairs.a.empty();
-    const Box all = collect_regions(in.boxes, in.pairs, scratch);
+    const Box all = collect_regions(in, scratch);
+    const bool any = !scratch.packed_region.empty();
     screened.origin = any ? all.min : Vec3d(Vec3d::Zero());
     screen_bodies(in, screened.origin, scratch);
     const double mean_edge = gather_screens(in, scratch, screened);

@@ -6,6 +6,7 @@
 #include "engine/base/bit_sets.hpp"
 #include "engine/base/disjoint_sets.hpp"
 #include "engine/base/subspan.hpp"
+#include "engine/contact/convex_pairs.hpp"
 #include "engine/contact/pair_sides.hpp"
 #include "engine/contact/write_contact.hpp"
 #include "engine/jobs/parallel.hpp"
@@ -377,7 +378,7 @@ Side make_side(const ContactInputs& in, const ScreenedTriangles& screened, const
             admission == Admission::kSolid,
             admission == Admission::kSheet,
             doubtful_depth(s, other),
-            admission == Admission::kRefused ? nullptr : in.trees[s.bodies.tree[other]].get()};
+            admission == Admission::kRefused || touch_as_hulls(in, pair) ? nullptr : in.trees[s.bodies.tree[other]].get()};
 }
 
 void prepare_hints(const Surfaces& s, OverlapScratch& scratch) {

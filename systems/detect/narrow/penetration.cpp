@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "engine/contact/convex_pairs.hpp"
 #include "engine/jobs/parallel.hpp"
 #include "engine/mesh/inverted_contact.hpp"
 namespace trocar {
@@ -174,6 +175,7 @@ void part_rigid_pairs(const ContactInputs& in, const Contacts& contacts, Penetra
             const auto radius = [&](uint32_t body) { return s.meshes.info[s.bodies.mesh[body]].radius; };
             const auto moves = [&](Motion motion) { return s.bodies.motion[a] == motion || s.bodies.motion[b] == motion; };
             if (!moves(Motion::kFree) || moves(Motion::kDeformable) || moves(Motion::kHand) || penetrations.saturated[i]) continue;
+            if (touch_as_hulls(in, pair)) continue;  // their contacts lead out the shortest way
             if (!(penetrations.depth[i] > kDeep * 2 * std::min(radius(a), radius(b)))) continue;
             normals.clear();
             auto index = std::ranges::lower_bound(contacts.pair, pair) - contacts.pair.begin();
