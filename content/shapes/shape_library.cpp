@@ -8,6 +8,7 @@
 #include "content/mend/remeshing.hpp"
 #include "content/mend/smoothing.hpp"
 #include "content/shapes/dish.hpp"
+#include "content/shapes/inguinal_region.hpp"
 #include "content/shapes/instrument_shapes.hpp"
 #include "content/shapes/plain_shapes.hpp"
 #include "content/shapes/ring_and_sac.hpp"
@@ -118,6 +119,12 @@ Mesh textured_mesh(uint32_t triangles, uint64_t seed, Looks looks) {
     return with_material(make_surgical_mesh(divide_mesh(triangles)), std::move(material));
 }
 
+Mesh textured_fine_mesh(uint32_t triangles, uint64_t seed, Looks looks) {
+    Material material = surface_material("polypropylene", {0.25f, 0.25f, 0.25f}, 0.4f, painted(looks, paint_polypropylene, seed));
+    material.transparency = 0.3f;
+    return with_material(make_fine_mesh(triangles), std::move(material));
+}
+
 template <Mesh (*make)(uint32_t triangles)>
 Mesh of_steel(uint32_t triangles, uint64_t seed, Looks looks) {
     Mesh mesh = with_material(make(triangles), steel(seed, looks));
@@ -136,6 +143,45 @@ Mesh textured_sac(uint32_t triangles, uint64_t seed, Looks looks) {
 Mesh textured_ring(uint32_t triangles, uint64_t seed, Looks looks) {
     return with_material(make_ring(triangles),
                          surface_material("fascia", {0.25f, 0.24f, 0.23f}, 0.35f, painted(looks, paint_fascia, seed)));
+}
+
+Mesh textured_inguinal_wall(uint32_t triangles, uint64_t seed, Looks looks) {
+    Mesh mesh = make_inguinal_wall(triangles);
+    project_uv(0.07, mesh);
+    mesh.material = {surface_material("fascia", {0.25f, 0.24f, 0.23f}, 0.35f, painted(looks, paint_fascia, seed)),
+                     surface_material("fascia", {0.25f, 0.24f, 0.23f}, 0.35f, painted(looks, paint_fascia, seed)),
+                     surface_material("muscle", {0.45f, 0.42f, 0.40f}, 0.5f, painted(looks, paint_muscle, seed))};
+    return mesh;
+}
+
+Mesh textured_peritoneum(uint32_t triangles, uint64_t seed, Looks looks) {
+    Mesh mesh = make_peritoneum(triangles);
+    project_uv(0.07, mesh);
+    // parts of one look: groups of a scene name them
+    for (const char* name : {"peritoneum", "rim", "sac"}) {
+        mesh.material.push_back(surface_material(name, {0.38f, 0.36f, 0.35f}, 0.5f, painted(looks, paint_peritoneum, seed)));
+        mesh.material.back().transparency = 0.25f;
+    }
+    return mesh;
+}
+
+Mesh coloured_cord(uint32_t triangles, uint64_t, Looks) {
+    return with_material(with_material(make_cord(triangles), plain_material("vas", {0.90f, 0.84f, 0.72f}, 0.5f, 0.6f)),
+                         plain_material("spermatic vessels", {0.50f, 0.16f, 0.20f}, 0.5f, 0.6f));
+}
+
+Mesh coloured_epigastric_vessels(uint32_t triangles, uint64_t, Looks) {
+    return with_material(make_epigastric_vessels(triangles), plain_material("vessel", {0.62f, 0.12f, 0.12f}, 0.5f, 0.6f));
+}
+
+Mesh coloured_iliac_vessels(uint32_t triangles, uint64_t, Looks) {
+    return with_material(with_material(make_iliac_vessels(triangles), plain_material("artery", {0.66f, 0.22f, 0.18f}, 0.5f, 0.6f)),
+                         plain_material("vein", {0.28f, 0.22f, 0.38f}, 0.5f, 0.6f));
+}
+
+Mesh coloured_pubic_bone(uint32_t triangles, uint64_t, Looks) {
+    return with_material(with_material(make_pubic_bone(triangles), plain_material("bone", {0.80f, 0.70f, 0.58f}, 0.3f, 0.4f)),
+                         plain_material("ligament", {0.94f, 0.92f, 0.86f}, 0.6f, 0.6f));
 }
 
 Mesh clear_cannula(uint32_t triangles, uint64_t, Looks) {
@@ -172,7 +218,7 @@ Mesh textured_dish(uint32_t triangles, uint64_t, Looks) {
     return with_material(make_dish(triangles), plain_material("steel", {0.42f, 0.44f, 0.46f}, 0.3f, 0.5f));
 }
 
-constexpr std::array<Recipe, 25> kRecipes{{
+constexpr std::array<Recipe, 32> kRecipes{{
     {"liver", 100, make_liver, "human liver, 0.21 x 0.15 x 0.12 m; right lobe -x, head +y, belly +z; centred"},
     {"kidney", 100, make_kidney, "human kidney, 0.11 x 0.06 x 0.045 m; poles along x, hilum -y; centred"},
     {"gallbladder", 200, textured_gallbladder, "human gallbladder with neck and stump of the duct; fundus -y, belly +z"},
@@ -180,6 +226,7 @@ constexpr std::array<Recipe, 25> kRecipes{{
     {"bowel", 200, textured_bowel, "loop of small bowel, 28 mm wide, 0.42 m long, meandering in the plane of x and y"},
     {"hernia_wall", 200, textured_wall, "abdominal wall, 0.2 x 0.16 x 0.018 m, an oval defect through it; outside +z"},
     {"surgical_mesh", 100, textured_mesh, "open sheet with hexagonal pores, 0.15 x 0.1 m in z = 0; centred"},
+    {"fine_mesh", 50, textured_fine_mesh, "open sheet, 0.15 x 0.1 m in z = 0, pores in its texture alone; centred"},
     {"probe", 300, of_steel<make_probe>, "palpation probe, 0.167 m; tip sphere of 7 mm centred at the origin, shaft along +z"},
     {"grasper", 1000, of_steel<make_grasper>, "grasper of 5 mm, jaws open by 30 degrees about x; pivot at the origin, +z"},
     {"grasper_jaw", 400, of_steel<make_grasper_jaw>, "one toothed jaw, 19 mm; pivot at the origin, tip +z, teeth -y"},
@@ -190,6 +237,13 @@ constexpr std::array<Recipe, 25> kRecipes{{
     {"cannula", 200, clear_cannula, "clear tube of a 10 mm trocar, 60 mm long, wall 1 mm, a funnel of 20 mm at +z; centred"},
     {"ring", 100, textured_ring, "torus of 24 mm bore, 8 mm thick, in z = 0; centred"},
     {"sac", 200, textured_sac, "open sheet: pouch of 40 x 50 mm, round end -z, its neck bent outwards in z = 0"},
+    {"inguinal_wall", 200, textured_inguinal_wall,
+     "inside of the groin with the inguinal ring, 0.22 x 0.17 x 0.01 m; ring at the origin, lateral +x, up +z, belly -y"},
+    {"peritoneum", 400, textured_peritoneum, "open sheet before inguinal_wall, in its frame, with a hernia sac through the ring"},
+    {"cord", 200, coloured_cord, "vas deferens and spermatic vessels on inguinal_wall, in its frame"},
+    {"epigastric_vessels", 100, coloured_epigastric_vessels, "a tube of 3.2 mm on inguinal_wall, in its frame"},
+    {"iliac_vessels", 200, coloured_iliac_vessels, "artery and vein below inguinal_wall's ring, in its frame"},
+    {"pubic_bone", 100, coloured_pubic_bone, "ramus of the pubis with Cooper's ligament on its crest, in the frame of inguinal_wall"},
     {"sphere", 20, textured_sphere, "sphere of diameter 1 m, centred"},
     {"box", 12, textured_box, "cube of 1 m, centred"},
     {"capsule", 48, textured_capsule, "capsule, 1 m long, 0.5 m thick, along z, centred"},

@@ -28,4 +28,7 @@ MeshCells divide_mesh(uint32_t triangles);
 // outer boundary and a boundary loop per pore. Texture tile 10 mm. No material.
 Mesh make_surgical_mesh(const MeshCells& cells);
 
+// The same sheet without modelled pores, which its texture shows: a lightweight mesh whose pores are finer than its triangles.
+Mesh make_fine_mesh(uint32_t triangles);
+
 }  // namespace trocar

@@ -36,6 +36,8 @@ Known known_of(const std::string& name) {
     if (name == "scissors") return {3, 6, false, 10, 15, 40};
     if (name == "grasper_jaw") return {1, 2, false, 5, 7, 40};
     if (name == "scissor_blade") return {1, 2, false, 10, 15, 40};
+    if (name == "inguinal_wall") return {1, 0, false};
+    if (name == "cord" || name == "iliac_vessels") return {2, 4, false};
     if (name == "ring") return {1, 0, false};
     if (name == "cannula") return {1, 0, false, 15, 20, 37};  // rows widen along its funnel
     if (name == "needle") return {1, 2, false, 3, 25, 50};
@@ -44,7 +46,10 @@ Known known_of(const std::string& name) {
     return {};
 }
 
-bool is_sheet(const std::string& name) { return name == "surgical_mesh" || name == "sac" || name == "sheet" || name == "dish"; }
+bool is_sheet(const std::string& name) {
+    return name == "surgical_mesh" || name == "sac" || name == "peritoneum" || name == "fine_mesh" ||
+           name == "sheet" || name == "dish";
+}
 
 void expect_sound(const Mesh& mesh, const std::string& name, const std::string& what) {
     EXPECT_EQ(mesh.uv.size(), mesh.triangle.size()) << what;

@@ -92,6 +92,22 @@ TEST(SurgicalMesh, PoresAreMillimetresWideWhereThereAreTrianglesEnough) {
     EXPECT_GT(reference::survey_shape(make_surgical_mesh(divide_mesh(100000))).min_angle, 12);
 }
 
+TEST(FineMesh, IsARectangleWithOneRim) {
+    for (const uint32_t triangles : {500u, 10000u}) {
+        const Mesh mesh = make_fine_mesh(triangles);
+        EXPECT_NEAR(double(mesh.triangle.size()), triangles, 0.1 * triangles);
+        const auto loops = boundary_loops(mesh);
+        ASSERT_EQ(loops.size(), 1u);
+        EXPECT_NEAR(enclosed_area(mesh, loops[0]), 0.15 * 0.1, 1e-12);
+        const MeshJudgement judgement = judge_mesh(mesh);
+        EXPECT_NEAR(judgement.area, 0.015, 1e-12);
+        EXPECT_TRUE(judgement.manifold);
+        EXPECT_EQ(judgement.components, 1u);
+        for (const auto& [a, b, c] : mesh.triangle)
+            ASSERT_GT((mesh.position[b] - mesh.position[a]).cross(mesh.position[c] - mesh.position[a]).z(), 0);
+    }
+}
+
 TEST(HerniaWall, IsAPlateWithAHoleThroughIt) {
     const WallSize size;
     // plate minus the defect, whose sections at height w are ellipses with axes shortened by rim sqrt(1 -
