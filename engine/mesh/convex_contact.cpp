@@ -294,6 +294,9 @@ void find_hull_contacts(const ConvexHull& a, const ConvexHull& b, const Quat& tu
                         HullContactScratch& scratch, HullManifold& manifold) {
     manifold.count = 0;
     manifold.separation = kUnbounded;
+    constexpr size_t kRoom = 64;  // a warm pass allocates nothing: more than the corners of most faces together
+    scratch.polygon.reserve(kRoom), scratch.clipped.reserve(kRoom), scratch.found.reserve(kRoom);
+    scratch.a.edge.reserve(a.edge.size()), scratch.b.edge.reserve(b.edge.size());
     place_first(a, scratch.a);
     place_second(b, turn, shift, scratch.b);
     const HullSide first{a, scratch.a, a.centre}, second{b, scratch.b, rotate(turn, b.centre) + shift};

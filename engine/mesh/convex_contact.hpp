@@ -20,7 +20,8 @@ struct HullContact {
 struct HullManifold {
     uint32_t count = 0;  // of contact; none if the hulls are farther apart than asked
     std::array<HullContact, 4> contact;
-    double separation = 0;         // m, along `direction`: of all directions the one with the largest, up to the preference for faces
+    // m, along `direction`: of hulls that overlap the largest of all directions, up to the preference for faces; of others at most that
+    double separation = 0;
     Vec3d direction = Vec3d::Zero();  // unit, from a to b
 };
 

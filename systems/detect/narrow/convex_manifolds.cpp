@@ -65,6 +65,7 @@ void find_convex_manifolds(const ContactInputs& in, ConvexManifoldsScratch& scra
     parallel_for(count, kHullPairsPerChunk, [&](uint32_t begin, uint32_t end) {
         ConvexManifoldsScratch::Chunk& chunk = scratch.chunk[begin / kHullPairsPerChunk];
         chunk.found.clear();
+        chunk.found.reserve(kHullPairsPerChunk * HullManifold{}.contact.size());
         for (uint32_t pair = begin; pair < end; ++pair)
             if (touch_as_hulls(in, pair)) find_hull_pair(in, pair, chunk);
     });
