@@ -116,8 +116,8 @@ Mesh make_peritoneum(uint32_t triangles) {
         return Vec3d(top + (5 - v) * (at_wall(flat, -r.gap) - top));
     };
     // areas, that of the flat part as if it were flat
-    const double neck = r.sac + r.flare, flat = M_PI * (r.peritoneum_x * r.peritoneum_z - neck * neck),
-                 round = 2 * M_PI * r.sac * r.sac, tube = 2 * M_PI * r.sac * (r.sac_depth - r.sac - r.flare),
+    const double neck = r.sac + r.flare, flat = M_PI * (r.peritoneum_x * r.peritoneum_z - neck * neck), round = 2 * M_PI * r.sac * r.sac,
+                 tube = 2 * M_PI * r.sac * (r.sac_depth - r.sac - r.flare),
                  bend = M_PI / 2 * r.flare * 2 * M_PI * (r.sac + r.flare * (1 - 2 / M_PI)),
                  lid = M_PI * (r.peritoneum_x + r.peritoneum_z) / 2 * std::hypot((r.peritoneum_x + r.peritoneum_z) / 2, kLid / 2);
     const double sheet = flat + round + tube + bend;
@@ -145,29 +145,43 @@ Mesh make_peritoneum(uint32_t triangles) {
 }
 
 std::vector<RegionTube> cord_tubes() {
-    return {along_wall({{-0.0012, -0.0092, -0.012}, {-0.0015, -0.0092, -0.004}, {-0.003, -0.0125, 0.0003}, {-0.012, -0.024, 0.0006},
-                        {-0.035, -0.042, 0.0006}, {-0.072, -0.060, 0.0004}}, 0.0013),
-            along_wall({{0.0022, -0.0092, -0.012}, {0.0025, -0.0092, -0.004}, {0.005, -0.0125, 0.0003}, {0.014, -0.026, 0.0003},
-                        {0.028, -0.045, 0.0002}, {0.043, -0.064, -0.0001}}, 0.0016)};
+    return {along_wall({{-0.0012, -0.0092, -0.012},
+                        {-0.0015, -0.0092, -0.004},
+                        {-0.003, -0.0125, 0.0003},
+                        {-0.012, -0.024, 0.0006},
+                        {-0.035, -0.042, 0.0006},
+                        {-0.072, -0.060, 0.0004}},
+                       0.0013),
+            along_wall({{0.0022, -0.0092, -0.012},
+                        {0.0025, -0.0092, -0.004},
+                        {0.005, -0.0125, 0.0003},
+                        {0.014, -0.026, 0.0003},
+                        {0.028, -0.045, 0.0002},
+                        {0.043, -0.064, -0.0001}},
+                       0.0016)};
 }
 
 Mesh make_cord(uint32_t triangles) { return make_tubes(cord_tubes(), triangles); }
 
 std::vector<RegionTube> epigastric_tubes() {
-    return {along_wall({{-0.007, -0.030, 0.0003}, {-0.015, -0.016, 0.0004}, {-0.0205, 0.004, 0.0004}, {-0.027, 0.032, 0.0003}, {-0.034, 0.064, -0.0001}}, 0.0016)};
+    return {along_wall(
+        {{-0.007, -0.030, 0.0003}, {-0.015, -0.016, 0.0004}, {-0.0205, 0.004, 0.0004}, {-0.027, 0.032, 0.0003}, {-0.034, 0.064, -0.0001}},
+        0.0016)};
 }
 
 Mesh make_epigastric_vessels(uint32_t triangles) { return make_tubes(epigastric_tubes(), triangles); }
 
 std::vector<RegionTube> iliac_tubes() {
-    return {along_wall({{0.010, -0.034, -0.0045}, {0.0125, -0.046, -0.0026}, {0.0155, -0.058, -0.0026}, {0.019, -0.070, -0.0032}}, 0.004),
-            along_wall({{-0.001, -0.036, -0.0050}, {0.001, -0.047, -0.0031}, {0.0045, -0.059, -0.0031}, {0.0085, -0.071, -0.0038}}, 0.0045)};
+    return {
+        along_wall({{0.010, -0.034, -0.0045}, {0.0125, -0.046, -0.0026}, {0.0155, -0.058, -0.0026}, {0.019, -0.070, -0.0032}}, 0.004),
+        along_wall({{-0.001, -0.036, -0.0050}, {0.001, -0.047, -0.0031}, {0.0045, -0.059, -0.0031}, {0.0085, -0.071, -0.0038}}, 0.0045)};
 }
 
 Mesh make_iliac_vessels(uint32_t triangles) { return make_tubes(iliac_tubes(), triangles); }
 
 std::vector<RegionTube> pubic_tubes() {
-    return {along_wall({{-0.098, -0.024, -0.0075}, {-0.080, -0.038, -0.0066}, {-0.055, -0.048, -0.0066}, {-0.030, -0.056, -0.0080}}, 0.008)};
+    return {
+        along_wall({{-0.098, -0.024, -0.0075}, {-0.080, -0.038, -0.0066}, {-0.055, -0.048, -0.0066}, {-0.030, -0.056, -0.0080}}, 0.008)};
 }
 
 Mesh make_pubic_bone(uint32_t triangles) {

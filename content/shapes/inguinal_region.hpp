@@ -9,13 +9,13 @@ namespace trocar {
 // chosen.
 struct InguinalRegion {
     // The inside of the wall is y = -(x^2 / bend_x + z^2 / bend_z) / 2: hollow towards the belly.
-    double bend_x = 0.25, bend_z = 0.12;              // m, radii at the ring
-    double middle_x = -0.012;                         // m, of the ellipses that bound wall and peritoneum
-    double wall_x = 0.112, wall_z = 0.084;            // m, semi-axes
-    double thickness = 0.010;                         // m, of the wall, along y
-    double ring = 0.015, rim = 0.004;                 // m, radius of the hole at its ends, and how much narrower it is midway
-    double peritoneum_x = 0.104, peritoneum_z = 0.076;  // m, semi-axes
-    double gap = 0.0035;                              // m, between wall and peritoneum, along y
+    double bend_x = 0.25, bend_z = 0.12;                   // m, radii at the ring
+    double middle_x = -0.012;                              // m, of the ellipses that bound wall and peritoneum
+    double wall_x = 0.112, wall_z = 0.084;                 // m, semi-axes
+    double thickness = 0.010;                              // m, of the wall, along y
+    double ring = 0.015, rim = 0.004;                      // m, radius of the hole at its ends, and how much narrower it is midway
+    double peritoneum_x = 0.104, peritoneum_z = 0.076;     // m, semi-axes
+    double gap = 0.0035;                                   // m, between wall and peritoneum, along y
     double sac = 0.007, sac_depth = 0.034, flare = 0.005;  // m: radius, depth from the peritoneum, and rounding of the neck
     double inside(double x, double z) const { return -(x * x / bend_x + z * z / bend_z) / 2; }  // m, y of the inside of the wall
 };

@@ -88,7 +88,8 @@ TEST(Peritoneum, IsADiscWithASacAndOneRim) {
             flux += across * (height((a + b) / 2) + height((b + c) / 2) + height((c + a) / 2)) / 3;
             facing += across;
         }
-        for (const Vec3d& p : mesh.position) rim += std::abs(std::hypot((p.x() - r.middle_x) / r.peritoneum_x, p.z() / r.peritoneum_z) - 1) < 1e-9;
+        for (const Vec3d& p : mesh.position)
+            rim += std::abs(std::hypot((p.x() - r.middle_x) / r.peritoneum_x, p.z() / r.peritoneum_z) - 1) < 1e-9;
         EXPECT_EQ(rim, judgement.boundary_edges);
         // a polygon in the circle of the sac lacks edge^2 / (6 radius^2) of its area, and so do its arcs along the sac
         EXPECT_NEAR(-flux / sac_volume(), 1, 400.0 / triangles) << triangles;
@@ -116,13 +117,12 @@ double length_of(const RegionTube& tube) {
 // Volumes by Pappus: cylinders with half balls at their ends, bent along their axes.
 TEST(InguinalTubes, HaveTheirVolumes) {
     const std::pair<std::vector<RegionTube>, Mesh (*)(uint32_t)> all[] = {{cord_tubes(), make_cord},
-                                                                         {epigastric_tubes(), make_epigastric_vessels},
-                                                                         {iliac_tubes(), make_iliac_vessels},
-                                                                         {pubic_tubes(), make_pubic_bone}};
+                                                                          {epigastric_tubes(), make_epigastric_vessels},
+                                                                          {iliac_tubes(), make_iliac_vessels},
+                                                                          {pubic_tubes(), make_pubic_bone}};
     for (const auto& [tubes, make] : all) {
         double volume = 0;
-        for (const RegionTube& tube : tubes)
-            volume += M_PI * tube.radius * tube.radius * (length_of(tube) - 2.0 / 3 * tube.radius);
+        for (const RegionTube& tube : tubes) volume += M_PI * tube.radius * tube.radius * (length_of(tube) - 2.0 / 3 * tube.radius);
         const auto facts = reference::survey_surface(make(20000));
         EXPECT_TRUE(facts.closed && facts.one_fan);
         EXPECT_EQ(facts.components, tubes.size());
