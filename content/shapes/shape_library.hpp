@@ -9,13 +9,15 @@
 namespace trocar {
 
 // Generated shapes, in metres, textured. Organs have the axes of a supine patient: right -x, head +y, belly
-// +z. Closed, manifold, outward, without self-intersection; genus 0 except hernia_wall (1) and surgical_mesh
+// +z. Closed, manifold, outward, without self-intersection; genus 0 except hernia_wall, inguinal_wall (1) and surgical_mesh
 // (an open sheet).
 //   liver, kidney, gallbladder, stomach, bowel   see implicit_shapes.hpp and tube_organs.hpp
 //   hernia_wall, surgical_mesh                   see wall_and_mesh.hpp
 //   grasper (3 pieces), grasper_jaw, scissors (3 pieces), scissor_blade, needle, tacker (2 pieces)
 //                                                see
 //                                                instrument_shapes.hpp
+//   inguinal_wall, peritoneum (an open sheet), cord (2 pieces), epigastric_vessels, iliac_vessels (2 pieces), pubic_bone
+//                                                see inguinal_region.hpp; fine_mesh (an open sheet) see wall_and_mesh.hpp
 //   probe   palpation probe of steel, 0.167 m; centre of its 7 mm tip sphere at the origin, shaft along +z
 //   sphere  diameter 1 m, centred      box  1 x 1 x 1 m, centred
 //   dish    open spherical cap, 0.2 m across, 0.03 m deep, lowest point at the origin
