@@ -62,11 +62,11 @@ TEST(TissueLawScenes, KeysAreReadAndChecked) {
         EXPECT_NE(error(lines, "", {{"ball.model", "shell"}, {"ball.skin", "false"}}).find("are for deformable bodies with model"), std::string::npos);
         EXPECT_NE(error(lines, "", {{"ball.break_strain", "0.5"}}).find("does not break"), std::string::npos);
         EXPECT_NE(error(lines, "", {{"ball.integrator", "implicit"}}).find("is for shells and sheets"), std::string::npos);
-        const std::string tool = "[[body]]\nname = \"hook\"\nshape = \"probe\"\nmotion = \"hand\"\nmass = 0.05\n[[tool]]\nbody = \"hook\"\n";
-        EXPECT_NE(error(lines, tool + "[[tool.action]]\nkind = \"cauterise\"\nbody = \"ball\"\nat = [0.1, 0.2]\n").find("cannot be cauterised"),
+        const std::string tool = "[[body]]\nname = \"hook\"\nshape = \"probe\"\nmotion = \"hand\"\nmass = 0.05\n[[tool]]\nbody = \"hook\"\npath = [{time = 0, position = [0, 0, 0.1]}]\n";
+        EXPECT_NE(error(lines, tool + "[[tool.action]]\nkind = \"cauterise\"\nbodies = \"ball\"\npower = 20\nat = [0.1, 0.2]\n").find("cannot be cauterised"),
                   std::string::npos)
-            << error(lines, tool + "[[tool.action]]\nkind = \"cauterise\"\nbody = \"ball\"\nat = [0.1, 0.2]\n");
-        EXPECT_NE(error(lines, tool + "[[tool.action]]\nkind = \"cut\"\nbody = \"ball\"\nat = [0.1, 0.2]\n", {{"ball.skin", "false"}})
+            << error(lines, tool + "[[tool.action]]\nkind = \"cauterise\"\nbodies = \"ball\"\npower = 20\nat = [0.1, 0.2]\n");
+        EXPECT_NE(error(lines, tool + "[[tool.action]]\nkind = \"cut\"\nbodies = \"ball\"\nedge = [0, 0, 0.02]\ntoughness = 50\nat = [0.1]\n", {{"ball.skin", "false"}})
                       .find("cannot be cut by instruments"),
                   std::string::npos);
     }

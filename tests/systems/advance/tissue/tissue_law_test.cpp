@@ -247,7 +247,9 @@ TEST(Relaxation, StateIsComplete) {
     s.advance(5, 20);
     const Particles particles = s.particles;
     const Relaxation relaxation = s.relaxation;
+    const uint64_t tick = s.params.tick;
     const auto go_on = [&] {
+        s.params.tick = tick;
         s.advance(4, 16);
         return resource_hash(s, Resource::kParticles) ^ resource_hash(s, Resource::kRelaxation);
     };
