@@ -68,7 +68,9 @@ struct Prony {
     std::array<double, kMost> share{};  // of the long-term shear modulus
     std::array<double, kMost> time{};   // s, relaxation times; 0 = no branch, the last ones
     TROCAR_FIELDS(share, time, "s");
-    uint32_t branches() const { return static_cast<uint32_t>(std::ranges::count_if(time, [](double t) { return t > 0; })); }
+    uint32_t branches() const {
+        return static_cast<uint32_t>(std::ranges::count_if(time, [](double t) { return t > 0; }));
+    }
     double sum() const { return std::accumulate(share.begin(), share.end(), 0.0); }
 };
 
@@ -102,7 +104,8 @@ struct Bodies {
     std::vector<TissueLaw> law;           // solids; empty or shorter = springs
     std::vector<Prony> prony;             // solids; empty or shorter = nothing relaxes
     TROCAR_FIELDS(entity, name, mesh, "index of meshes", motion, particles, "range of particles", tree, anchor_frame, tissue,
-                  spring_stiffness, "N/m", inv_mass, "1/kg", stable_dt, "s", thickness, "m", self_contact, "m", rigid_mass, stepping, law, prony);
+                  spring_stiffness, "N/m", inv_mass, "1/kg", stable_dt, "s", thickness, "m", self_contact, "m", rigid_mass, stepping, law,
+                  prony);
 };
 
 // Names become parts of file names and messages: at most 80 bytes, without /, \, " and control characters.

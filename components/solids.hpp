@@ -22,9 +22,9 @@ struct SolidInfo {
     TROCAR_FIELDS(inner, tetrahedra, count, slices, nodes, skin, varied);
 };
 
-// Constant after load, but for solids that instruments cut (CutSolid). Nodes and tetrahedra are local to the prototype. The tetrahedra around a node are
-// listed in SELL-16 slices like springs: a column holds one (tetrahedron, corner) for each of 16 nodes, so
-// that a node gathers its own forces.
+// Constant after load, but for solids that instruments cut (CutSolid). Nodes and tetrahedra are local to the prototype. The tetrahedra
+// around a node are listed in SELL-16 slices like springs: a column holds one (tetrahedron, corner) for each of 16 nodes, so that a node
+// gathers its own forces.
 struct Solids {
     std::vector<SolidInfo> info;                  // one per prototype, up to the last solid
     std::vector<Vec3d> position;                  // m, body frame: rest positions of inner nodes
@@ -42,8 +42,8 @@ struct Solids {
     std::vector<std::array<uint32_t, 4>> embedding_node;  // corners of the tetrahedron that a surface vertex is embedded in
     std::vector<std::array<double, 4>> embedding_weight;  // barycentric coordinates of the vertex there: below 0 or above 1 outside
     std::vector<double> node_volume;                      // m^3, volume lumped to a node: see engine/tissue/lumped_volume.hpp
-    TROCAR_FIELDS(info, position, "m", corner, rest, "m^3", per_rest, "1/m^3", factor, metric, "1/m^2", slot_column, slot, node_volume, "m^3",
-                  embedding_node, embedding_weight);
+    TROCAR_FIELDS(info, position, "m", corner, rest, "m^3", per_rest, "1/m^3", factor, metric, "1/m^2", slot_column, slot, node_volume,
+                  "m^3", embedding_node, embedding_weight);
 };
 
 }  // namespace trocar

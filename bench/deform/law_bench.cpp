@@ -30,7 +30,8 @@ void stress_rows(Report& report, double nu) {
         for (const double along : {0.6, 0.8, 0.9, 1.1, 1.2, 1.4}) {
             std::snprintf(text, sizeof text, "uniaxial stretch %.1f, nu %.2f", along, nu);
             const double across = exact.across(along);
-            add_error(report, text, law, block.pull(along).stress, exact.stress(Eigen::Vector3d(along, across, across).asDiagonal())(0, 0), 1, 0.2);
+            add_error(report, text, law, block.pull(along).stress, exact.stress(Eigen::Vector3d(along, across, across).asDiagonal())(0, 0),
+                      1, 0.2);
         }
         for (const double by : {0.1, 0.2, 0.4}) {
             std::snprintf(text, sizeof text, "simple shear %.1f, nu %.2f", by, nu);
@@ -93,8 +94,9 @@ void cost_rows(Report& report) {
     for (int k = 0; k < 4; ++k) {
         const double tets = scenes[k]->solids.info[0].count;
         Row row{std::string("step of a tetrahedron, ") + kinds[k].name, 1e9 * least[k] / (kSteps * tets), "ns"};
-        row.note = std::to_string(scenes[k]->solids.info[0].count) + " tetrahedra, " + std::to_string(scenes[k]->solids.info[0].nodes.count) +
-                   " nodes; stable step " + std::to_string(1e3 * scenes[k]->bodies.stable_dt[0]) + " ms";
+        row.note = std::to_string(scenes[k]->solids.info[0].count) + " tetrahedra, " +
+                   std::to_string(scenes[k]->solids.info[0].nodes.count) + " nodes; stable step " +
+                   std::to_string(1e3 * scenes[k]->bodies.stable_dt[0]) + " ms";
         if (k > 0) row.peer = "springs", row.peer_value = 1e9 * least[0] / (kSteps * tets);
         report.add(row);
     }

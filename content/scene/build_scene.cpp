@@ -123,10 +123,9 @@ std::string body_note(const World& world, uint32_t body, const Prototype& made) 
                               info.triangles.count, kMotions[static_cast<size_t>(world.bodies.motion[body])], info.volume * 1e6);
     if (is_solid(world.solids, prototype)) {
         const SolidInfo& solid = world.solids.info[prototype];
-        note +=
-            made.lattice_nodes > 0 ? format(", solid of %u tetrahedra, %u nodes, may be cut", solid.count, made.lattice_nodes)
-                                   : format(", solid of %u tetrahedra, %u nodes%s", solid.count, solid.nodes.count,
-                                            solid.skin.count > 0 ? " under this skin" : "");
+        note += made.lattice_nodes > 0 ? format(", solid of %u tetrahedra, %u nodes, may be cut", solid.count, made.lattice_nodes)
+                                       : format(", solid of %u tetrahedra, %u nodes%s", solid.count, solid.nodes.count,
+                                                solid.skin.count > 0 ? " under this skin" : "");
     } else if (has_own_nodes(world.solids, prototype)) {
         note += format(", under this skin a shell of %u nodes, whose step is %.3g times that of the skin itself",
                        world.solids.info[prototype].nodes.count, world.bodies.stable_dt[body] / step_of_skin(world, body));
@@ -398,8 +397,10 @@ void check_law(const SceneFile& scene, const BodySpec& spec) {
     if (spec.law == TissueLaw::kSprings && spec.prony.branches() == 0) return;
     const std::string what = spec.law == TissueLaw::kSprings ? "a body with prony" : "a body of law = \"neo_hookean\"";
     if (may_tear(scene, spec)) refuse_body(scene, spec, what + " does not break (break_strain, [[cut]], heat.parts)");
-    if (is_cut_by_tools(scene, spec.name)) refuse_body(scene, spec, what + " cannot be cut by instruments; take law = \"springs\" without prony");
-    if (is_heated_by_tools(scene, spec.name)) refuse_body(scene, spec, what + " cannot be cauterised; take law = \"springs\" without prony");
+    if (is_cut_by_tools(scene, spec.name))
+        refuse_body(scene, spec, what + " cannot be cut by instruments; take law = \"springs\" without prony");
+    if (is_heated_by_tools(scene, spec.name))
+        refuse_body(scene, spec, what + " cannot be cauterised; take law = \"springs\" without prony");
     if (spec.prony.branches() > 0 && spec.scatter.rate > 0) refuse_body(scene, spec, "what comes and goes (scatter.rate) does not relax");
 }
 

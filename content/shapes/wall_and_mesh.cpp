@@ -183,13 +183,17 @@ Mesh make_fine_mesh(uint32_t triangles) {
     const auto cells = [](double wanted) { return std::max(1u, static_cast<uint32_t>(std::lround(std::sqrt(wanted)))); };
     const uint32_t columns = cells(triangles / 2.0 * kWidth / kHeight), rows = cells(triangles / 2.0 * kHeight / kWidth);
     SheetBuilder sheet;
-    const auto vertex = [&](uint32_t i, uint32_t j) { return sheet.vertex(kWidth * (double(i) / columns - 0.5), kHeight * (double(j) / rows - 0.5)); };
+    const auto vertex = [&](uint32_t i, uint32_t j) {
+        return sheet.vertex(kWidth * (double(i) / columns - 0.5), kHeight * (double(j) / rows - 0.5));
+    };
     for (uint32_t j = 0; j < rows; ++j) {
         for (uint32_t i = 0; i < columns; ++i) {
             const uint32_t a = vertex(i, j), b = vertex(i + 1, j), c = vertex(i + 1, j + 1), d = vertex(i, j + 1);
             // alternate diagonals, so that the sheet has no preferred direction
-            if ((i + j) % 2 == 0) sheet.add(a, b, c), sheet.add(a, c, d);
-            else sheet.add(a, b, d), sheet.add(b, c, d);
+            if ((i + j) % 2 == 0)
+                sheet.add(a, b, c), sheet.add(a, c, d);
+            else
+                sheet.add(a, b, d), sheet.add(b, c, d);
         }
     }
     return std::move(sheet.mesh);

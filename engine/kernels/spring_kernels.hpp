@@ -37,14 +37,14 @@ struct SpringStep {
     unsigned other_law;      // 1: springs exert no elastic force, another law does
     // Maxwell elements next to the springs, see Relaxation; none if branches is 0. From the evaluation before to this one, d being the
     // change of the stretch: q = q - lost q + gain d.
-    unsigned branches;      // at most 4
-    float* stretch;         // m, one per half-edge from first_column on
-    float* overstretch;     // m, likewise; branch by branch
-    long branch_stride;     // elements from one branch to the next
-    float lost[4];          // 1 - exp(-s), s = time between / relaxation time
-    float gain[4];          // share of the stiffness * lost / s
-    float stored[4];        // 1 / (2 share): energy / (stiffness q^2)
-    float heat[4][3];       // energy lost in between / stiffness: heat[0] q^2 + heat[1] q q' + heat[2] q'^2
+    unsigned branches;   // at most 4
+    float* stretch;      // m, one per half-edge from first_column on
+    float* overstretch;  // m, likewise; branch by branch
+    long branch_stride;  // elements from one branch to the next
+    float lost[4];       // 1 - exp(-s), s = time between / relaxation time
+    float gain[4];       // share of the stiffness * lost / s
+    float stored[4];     // 1 / (2 share): energy / (stiffness q^2)
+    float heat[4][3];    // energy lost in between / stiffness: heat[0] q^2 + heat[1] q q' + heat[2] q'^2
 };
 
 // Sums over the particles of a body for its best-fit rigid copy, per lane, double; m = mass, x = offset, v =

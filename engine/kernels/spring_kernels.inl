@@ -50,7 +50,8 @@ TROCAR_LANES Relaxed relaxed(const SpringStep* body, unsigned long at, V stretch
         const float* heat = body->heat[branch];
         sum.pull = sum.pull + now;
         sum.stored = multiply_add(set(body->stored[branch]) * now, now, sum.stored);
-        sum.heat = multiply_add(multiply_add(set(heat[0]), before, set(heat[1]) * now), before, multiply_add(set(heat[2]) * now, now, sum.heat));
+        sum.heat =
+            multiply_add(multiply_add(set(heat[0]), before, set(heat[1]) * now), before, multiply_add(set(heat[2]) * now, now, sum.heat));
     }
     return sum;
 }
@@ -162,11 +163,11 @@ void step_springs(const SpringStep* body, unsigned first, unsigned last, double*
 
 void step(const SpringStep* body, unsigned first, unsigned last, double* damping_work) {
     const bool varied = body->spring_factor;
-    const auto kernel = body->branches > 0          ? (body->remainder_step != 0 ? step_springs<true, false, true, true>
-                                                                                 : step_springs<true, false, false, true>)
+    const auto kernel = body->branches > 0
+                            ? (body->remainder_step != 0 ? step_springs<true, false, true, true> : step_springs<true, false, false, true>)
                         : body->remainder_step != 0 ? (varied ? step_springs<true, false, true> : step_springs<false, false, true>)
-                        : body->packed            ? (varied ? step_springs<true, true, false> : step_springs<false, true, false>)
-                                                  : (varied ? step_springs<true, false, false> : step_springs<false, false, false>);
+                        : body->packed              ? (varied ? step_springs<true, true, false> : step_springs<false, true, false>)
+                                                    : (varied ? step_springs<true, false, false> : step_springs<false, false, false>);
     kernel(body, first, last, damping_work);
 }
 

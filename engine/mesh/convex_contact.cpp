@@ -11,9 +11,9 @@ namespace trocar {
 namespace {
 
 constexpr double kUnbounded = std::numeric_limits<double>::infinity();
-constexpr double kBeside = 1e-4;    // of the smaller radius: a corner so far beyond a side still counts as over the face
+constexpr double kBeside = 1e-4;     // of the smaller radius: a corner so far beyond a side still counts as over the face
 constexpr double kParallel2 = 1e-6;  // squared sine between edges that give no direction
-constexpr double kOpposite = -0.9;  // cosine of faces of which a corner of one over the inside of the other is a contact
+constexpr double kOpposite = -0.9;   // cosine of faces of which a corner of one over the inside of the other is a contact
 
 struct HullSide {
     const ConvexHull& hull;
@@ -58,8 +58,9 @@ double least_along(const HullContactScratch::Side& side, const Vec3d& direction,
     __m256d best = _mm256_set1_pd(kUnbounded);
     __m256i best_at = _mm256_setzero_si256(), at = _mm256_setr_epi64x(0, 1, 2, 3);
     for (size_t i = 0; i < side.x.size(); i += 4) {
-        const __m256d sum = _mm256_add_pd(_mm256_add_pd(_mm256_mul_pd(dx, _mm256_loadu_pd(&side.x[i])), _mm256_mul_pd(dy, _mm256_loadu_pd(&side.y[i]))),
-                                          _mm256_mul_pd(dz, _mm256_loadu_pd(&side.z[i])));
+        const __m256d sum =
+            _mm256_add_pd(_mm256_add_pd(_mm256_mul_pd(dx, _mm256_loadu_pd(&side.x[i])), _mm256_mul_pd(dy, _mm256_loadu_pd(&side.y[i]))),
+                          _mm256_mul_pd(dz, _mm256_loadu_pd(&side.z[i])));
         const __m256d less = _mm256_cmp_pd(sum, best, _CMP_LT_OQ);
         best = _mm256_blendv_pd(best, sum, less);
         best_at = _mm256_castpd_si256(_mm256_blendv_pd(_mm256_castsi256_pd(best_at), _mm256_castsi256_pd(at), less));
@@ -192,14 +193,18 @@ void clip_face(const HullSide& reference, uint32_t face, const HullSide& inciden
             cut.point = start.point + std::clamp(d0 / (d0 - d1), 0.0, 1.0) * (end.point - start.point);
             cut.leaves = in0 ? own + side : start.leaves;
             if (start.leaves < own) {
-                cut.ends = {corner_of(incident.hull, incident_face, start.leaves), corner_of(incident.hull, incident_face, start.leaves + 1)};
+                cut.ends = {corner_of(incident.hull, incident_face, start.leaves),
+                            corner_of(incident.hull, incident_face, start.leaves + 1)};
                 if (cut.ends[0] > cut.ends[1]) std::swap(cut.ends[0], cut.ends[1]);
                 const Vec3d &e0 = incident.at.point[cut.ends[0]], edge = incident.at.point[cut.ends[1]] - e0;
                 cut.along = std::clamp(edge.dot(cut.point - e0) / edge.squaredNorm(), 0.0, 1.0);
                 cut.point = e0 + cut.along * edge;
             } else {
                 const uint32_t before = start.leaves - own;
-                const uint32_t corner = corner_of(reference.hull, face, (before + 1) % sides == side ? side : (side + 1) % sides == before ? before : side);
+                const uint32_t corner = corner_of(reference.hull, face,
+                                                  (before + 1) % sides == side   ? side
+                                                  : (side + 1) % sides == before ? before
+                                                                                 : side);
                 cut.ends = {corner, corner};
                 cut.of_reference = true;
             }
@@ -236,8 +241,8 @@ Vec3d closest_on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
 // The contact of hulls whose facing faces lie side by side: the incident hull's nearest point against the plane across the way
 // to the reference face, if that separates them by no less, else against the face's own plane.
 HullContact beside_face(const HullSide& reference, const FaceAxis& axis, const HullSide& incident, bool of_b, double preferred) {
-    HullContact contact{of_b, {axis.support, axis.support}, 0, incident.at.point[axis.support], reference.at.normal[axis.face], axis.separation,
-                        axis.face};
+    HullContact contact{
+        of_b, {axis.support, axis.support}, 0, incident.at.point[axis.support], reference.at.normal[axis.face], axis.separation, axis.face};
     if (!(axis.separation > 0)) return contact;
     Vec3d closest = contact.point - axis.separation * contact.normal;
     double nearest2 = kUnbounded;
@@ -245,7 +250,8 @@ HullContact beside_face(const HullSide& reference, const FaceAxis& axis, const H
     const uint32_t sides = reference.hull.face[axis.face].corners.count;
     Vec3d on_rim = closest;
     for (uint32_t k = 0; k < sides; ++k) {
-        const Vec3d &c0 = reference.at.point[corner_of(reference.hull, axis.face, k)], &c1 = reference.at.point[corner_of(reference.hull, axis.face, k + 1)];
+        const Vec3d &c0 = reference.at.point[corner_of(reference.hull, axis.face, k)],
+                    &c1 = reference.at.point[corner_of(reference.hull, axis.face, k + 1)];
         over &= (c1 - c0).cross(contact.normal).dot(closest - c0) <= 0;
         const Vec3d q = closest_on_segment(contact.point, c0, c1);
         if ((q - contact.point).squaredNorm() < nearest2) nearest2 = (q - contact.point).squaredNorm(), on_rim = q;
@@ -255,12 +261,13 @@ HullContact beside_face(const HullSide& reference, const FaceAxis& axis, const H
     const Vec3d normal = (contact.point - on_rim) / distance;
     uint32_t support;
     const double separation = least_along(incident.at, normal, support) + least_along(reference.at, -normal, support);
-    if (separation >= axis.separation - preferred && separation >= distance - preferred) contact.normal = normal, contact.distance = distance;
+    if (separation >= axis.separation - preferred && separation >= distance - preferred)
+        contact.normal = normal, contact.distance = distance;
     return contact;
 }
 
-void find_face_contacts(const HullSide& reference, const FaceAxis& axis, const HullSide& incident, bool of_b, double margin, double preferred,
-                        HullContactScratch& scratch, HullManifold& manifold) {
+void find_face_contacts(const HullSide& reference, const FaceAxis& axis, const HullSide& incident, bool of_b, double margin,
+                        double preferred, HullContactScratch& scratch, HullManifold& manifold) {
     std::vector<HullContact>& found = scratch.found;
     found.clear();
     const Vec3d& normal = reference.at.normal[axis.face];

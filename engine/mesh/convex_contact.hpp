@@ -8,13 +8,13 @@ namespace trocar {
 
 // A point of one hull near a plane of the other; in the frame of hull a.
 struct HullContact {
-    bool of_b = false;              // whose point it is
+    bool of_b = false;               // whose point it is
     std::array<uint32_t, 2> ends{};  // of its hull: the edge with the point, or one corner twice
-    double along = 0;               // point = (1 - along) * ends[0] + along * ends[1]
-    Vec3d point = Vec3d::Zero();    // m
-    Vec3d normal = Vec3d::Zero();   // unit, of the plane, outward from the hull that does not own the point
-    double distance = 0;            // m, of the point from the plane, negative inside
-    uint32_t face = 0;              // of the hull that does not own the point: the one in that plane, or at its edge
+    double along = 0;                // point = (1 - along) * ends[0] + along * ends[1]
+    Vec3d point = Vec3d::Zero();     // m
+    Vec3d normal = Vec3d::Zero();    // unit, of the plane, outward from the hull that does not own the point
+    double distance = 0;             // m, of the point from the plane, negative inside
+    uint32_t face = 0;               // of the hull that does not own the point: the one in that plane, or at its edge
 };
 
 struct HullManifold {

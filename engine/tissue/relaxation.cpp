@@ -92,8 +92,8 @@ void bind_relaxation(Relaxation* relaxation, const Bodies& bodies, uint32_t body
 
 double relaxing_energy(const SpringStep& step, uint32_t slices, std::vector<double>& chunk_sums) {
     const SpringKernels& kernels = spring_kernels();
-    const std::array<double, 1> sum =
-        sum_slices<1>(slices, chunk_sums, [&](uint32_t begin, uint32_t end, double* sums) { kernels.relaxing_sums(&step, begin, end, sums); });
+    const std::array<double, 1> sum = sum_slices<1>(
+        slices, chunk_sums, [&](uint32_t begin, uint32_t end, double* sums) { kernels.relaxing_sums(&step, begin, end, sums); });
     return 0.5 * step.stiffness * sum[0];
 }
 

@@ -137,8 +137,7 @@ ScaledStiffness whole_stiffness(const Meshes& meshes, const Springs& springs, co
             const uint32_t index = c * kSliceWidth + lane, far_end = springs.neighbour[index];
             if (far_end <= v) continue;
             const Vec3d between = rest(far_end) - rest(v);
-            matrix.rod.push_back(
-                {v, far_end, between.normalized(), stiffness * springs.factor[index], between.norm()});
+            matrix.rod.push_back({v, far_end, between.normalized(), stiffness * springs.factor[index], between.norm()});
         }
     }
     const SolidModuli moduli = solid_moduli(bodies, body);
@@ -156,7 +155,8 @@ ScaledStiffness whole_stiffness(const Meshes& meshes, const Springs& springs, co
         cell.slope[0] = -cell.slope[1] - cell.slope[2] - cell.slope[3];
         const double factor = info.varied ? double{solids.factor[info.tetrahedra.first + t]} : 1.0;
         cell.stiffness = (kStretchRoom * moduli.bulk + kSqueezeRoom * moduli.squeeze) * six / 6 * factor;
-        if (law == TissueLaw::kNeoHookean) cell.stiffness = kLawRoom * lambda * six / 6 * factor, cell.shear = kLawRoom * mu * six / 6 * factor;
+        if (law == TissueLaw::kNeoHookean)
+            cell.stiffness = kLawRoom * lambda * six / 6 * factor, cell.shear = kLawRoom * mu * six / 6 * factor;
     }
     return matrix;
 }

@@ -124,8 +124,8 @@ namespace {
 
 // Energy of a tetrahedron with a metric; a, b, c: its edges from the first corner.
 template <typename Vector, typename Dot>
-double neo_hookean_energy(const SolidModuli& m, const TetStep& step, uint32_t t, const Vector& a, const Vector& b, const Vector& c, double volume,
-                          const Dot& product) {
+double neo_hookean_energy(const SolidModuli& m, const TetStep& step, uint32_t t, const Vector& a, const Vector& b, const Vector& c,
+                          double volume, const Dot& product) {
     const float* metric = step.metric + 96ul * (t / kSliceWidth) + t % kSliceWidth;
     const double squared = metric[0] * product(a, a) + metric[16] * product(b, b) + metric[32] * product(c, c) +
                            2 * (metric[48] * product(a, b) + metric[64] * product(a, c) + metric[80] * product(b, c));
@@ -175,9 +175,9 @@ double tet_energy(const TetStep& step, uint32_t nodes, const SolidModuli& moduli
 double tet_energy(const Solids& solids, const Bodies& bodies, const Particles& particles, uint32_t body, double back,
                   TetEnergyScratch& scratch, const TornSprings* torn) {
     const uint32_t skin = embedded_count(solids.info[bodies.mesh[body]]), first = bodies.particles[body].first + skin;
-    return tet_energy(
-        bind_tets(solids, bodies, particles, body, torn), bodies.particles[body].count - skin, solid_moduli(bodies, body),
-        {particles.velocity_x.data() + first, particles.velocity_y.data() + first, particles.velocity_z.data() + first}, back, scratch);
+    return tet_energy(bind_tets(solids, bodies, particles, body, torn), bodies.particles[body].count - skin, solid_moduli(bodies, body),
+                      {particles.velocity_x.data() + first, particles.velocity_y.data() + first, particles.velocity_z.data() + first}, back,
+                      scratch);
 }
 
 }  // namespace trocar

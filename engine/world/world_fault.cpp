@@ -344,7 +344,8 @@ void check_law(const World& w, uint32_t body, const std::string& name) {
     if (law == TissueLaw::kSprings && branches == 0) return;
     require(is_solid(w.solids, prototype) && w.springs.info[prototype].varied, name, " has a law for solids");
     for (uint32_t i = 0; i < Prony::kMost; ++i)
-        require(i < branches ? prony.time[i] > 0 && prony.share[i] > 0 && std::isfinite(prony.share[i]) : prony.time[i] == 0 && prony.share[i] == 0,
+        require(i < branches ? prony.time[i] > 0 && prony.share[i] > 0 && std::isfinite(prony.share[i])
+                             : prony.time[i] == 0 && prony.share[i] == 0,
                 name, " relaxes in no known way");
     require(law == TissueLaw::kSprings || w.solids.metric.size() >= size_t{6} * w.solids.info[prototype].tetrahedra.end(), name,
             ": its law lacks data (give_law)");

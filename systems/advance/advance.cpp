@@ -228,7 +228,9 @@ void step_bodies(const AdvanceCall& call, TissueScratch& scratch, AdvanceIsland&
         b.next = (call.substep % 2 == 0 ? scratch.offset_a : scratch.offset_b).data() + b.buffer;
         b.step.offset = &b.now->x;
         b.step.new_offset = &b.next->x;
-        b.damping_work = call.params.account_energy && (b.damping > 0 || b.step.branches > 0) ? scratch.sums.data() + b.first_chunk * kSliceWidth : nullptr;
+        b.damping_work = call.params.account_energy && (b.damping > 0 || b.step.branches > 0)
+                             ? scratch.sums.data() + b.first_chunk * kSliceWidth
+                             : nullptr;
         const bool subcycled = find_forces_of(call, island, state.particles, scratch, b, result);
         switch (b.stepping.integrator) {
             case Integrator::kLeapfrog:
@@ -433,8 +435,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
     using I = AdvanceIsland;
     level(island, &I::body, &I::rigid, &I::free, &I::slot_of_body, &I::grasp);
     using N = ContactNodeSet;
-    level(nodes, &N::node, &N::change, &N::moved_in, &N::node_of_particle, &N::embedded_point, &N::node_sums,
-          &N::response);
+    level(nodes, &N::node, &N::change, &N::moved_in, &N::node_of_particle, &N::embedded_point, &N::node_sums, &N::response);
     level(links, &IslandLinks::link, &IslandLinks::link_end, &IslandLinks::link_group);
     using C = ContactSolver;
     level(solver, &C::prepared, &C::wide_constraint, &C::fixed);
@@ -444,7 +445,8 @@ void share_room(std::span<AdvanceScratch> scratches) {
     using K = ContactComponents;
     level(components, &K::sorted_active, &K::component, &K::component_of);
     using T = TissueScratch;
-    level(tissue, &T::offset_a, &T::offset_b, &T::remainder, &T::force, &T::velocity_before, &T::force_sums, &T::corner_force, &T::hinge_force);
+    level(tissue, &T::offset_a, &T::offset_b, &T::remainder, &T::force, &T::velocity_before, &T::force_sums, &T::corner_force,
+          &T::hinge_force);
     level(tissue, &T::sums, &T::shape_sums, &T::overstretched);
     using M = ImplicitScratch;
     level(implicit, &M::position, &M::inertia, &M::displacement, &M::force, &M::change, &M::volume_gradient, &M::volume_response);

@@ -289,7 +289,7 @@ bool make_constraint(const ContactInputs& in, const Contacts& contacts, const Pe
     constraints.across[i] = contacts.across[i];
     constraints.triangle[i] = corner;
     constraints.weight[i] = barycentric_weights(p, vertex_in_frame(surfaces, other, corner[0]), vertex_in_frame(surfaces, other, corner[1]),
-                                        vertex_in_frame(surfaces, other, corner[2]));
+                                                vertex_in_frame(surfaces, other, corner[2]));
     constraints.normal[i] = is_deformable(surfaces.bodies, other) ? normal : rotate_back(surfaces.poses.orientation[other], normal);
     constraints.distance[i] = distance;
     constraints.friction[i] = float(std::max(surfaces.bodies.tissue[body].friction, surfaces.bodies.tissue[other].friction));

@@ -62,7 +62,8 @@ void note_slow_bodies(const SleepPass& pass, const Particles& particles, const P
         sleep.still[body] = slow ? std::min(sleep.still[body] + pass.period, uint32_t{1} << 30) : 0;
     };
     for (uint32_t b = 0; b < bodies.motion.size(); ++b)
-        if (is_deformable(bodies, b) && !is_asleep(sleep, b)) note(b, prony_of(bodies, b).branches() == 0 && is_slow(particles, bodies.particles[b], speed));
+        if (is_deformable(bodies, b) && !is_asleep(sleep, b))
+            note(b, prony_of(bodies, b).branches() == 0 && is_slow(particles, bodies.particles[b], speed));
     for (const RigidMass& free : bodies.rigid_mass) {
         const uint32_t b = static_cast<uint32_t>(free.body);
         const double twice = twice_kinetic_energy(free, poses);

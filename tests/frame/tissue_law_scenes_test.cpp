@@ -50,7 +50,8 @@ TEST(TissueLawScenes, KeysAreReadAndChecked) {
     EXPECT_EQ(prony_of(built.world.bodies, 0).share[1], 0.3);
     EXPECT_EQ(prony_of(built.world.bodies, 0).time[1], 1);
     EXPECT_EQ(find_fault(built.world), "");
-    EXPECT_NE(built.notes[0].find("neo-Hookean, relaxes from 1.7 times its stiffness in 0.05 s and more"), std::string::npos) << built.notes[0];
+    EXPECT_NE(built.notes[0].find("neo-Hookean, relaxes from 1.7 times its stiffness in 0.05 s and more"), std::string::npos)
+        << built.notes[0];
 
     EXPECT_NE(error("law = \"ogden\"\n").find(":15:7: law \"ogden\" is none of springs, neo_hookean"), std::string::npos)
         << error("law = \"ogden\"\n");
@@ -59,16 +60,22 @@ TEST(TissueLawScenes, KeysAreReadAndChecked) {
         EXPECT_NE(error(std::string(bad) + "\n").find("prony must be up to 4 pairs"), std::string::npos) << bad;
     const std::string law = "law = \"neo_hookean\"\n", relaxes = "prony = [[0.4, 0.05]]\n";
     for (const std::string& lines : {law, relaxes}) {
-        EXPECT_NE(error(lines, "", {{"ball.model", "shell"}, {"ball.skin", "false"}}).find("are for deformable bodies with model"), std::string::npos);
+        EXPECT_NE(error(lines, "", {{"ball.model", "shell"}, {"ball.skin", "false"}}).find("are for deformable bodies with model"),
+                  std::string::npos);
         EXPECT_NE(error(lines, "", {{"ball.break_strain", "0.5"}}).find("does not break"), std::string::npos);
         EXPECT_NE(error(lines, "", {{"ball.integrator", "implicit"}}).find("is for shells and sheets"), std::string::npos);
-        const std::string tool = "[[body]]\nname = \"hook\"\nshape = \"probe\"\nmotion = \"hand\"\nmass = 0.05\n[[tool]]\nbody = \"hook\"\npath = [{time = 0, position = [0, 0, 0.1]}]\n";
-        EXPECT_NE(error(lines, tool + "[[tool.action]]\nkind = \"cauterise\"\nbodies = \"ball\"\npower = 20\nat = [0.1, 0.2]\n").find("cannot be cauterised"),
+        const std::string tool =
+            "[[body]]\nname = \"hook\"\nshape = \"probe\"\nmotion = \"hand\"\nmass = 0.05\n[[tool]]\nbody = \"hook\"\npath = [{time = 0, "
+            "position = [0, 0, 0.1]}]\n";
+        EXPECT_NE(error(lines, tool + "[[tool.action]]\nkind = \"cauterise\"\nbodies = \"ball\"\npower = 20\nat = [0.1, 0.2]\n")
+                      .find("cannot be cauterised"),
                   std::string::npos)
             << error(lines, tool + "[[tool.action]]\nkind = \"cauterise\"\nbodies = \"ball\"\npower = 20\nat = [0.1, 0.2]\n");
-        EXPECT_NE(error(lines, tool + "[[tool.action]]\nkind = \"cut\"\nbodies = \"ball\"\nedge = [0, 0, 0.02]\ntoughness = 50\nat = [0.1]\n", {{"ball.skin", "false"}})
-                      .find("cannot be cut by instruments"),
-                  std::string::npos);
+        EXPECT_NE(
+            error(lines, tool + "[[tool.action]]\nkind = \"cut\"\nbodies = \"ball\"\nedge = [0, 0, 0.02]\ntoughness = 50\nat = [0.1]\n",
+                  {{"ball.skin", "false"}})
+                .find("cannot be cut by instruments"),
+            std::string::npos);
     }
 }
 
@@ -103,7 +110,8 @@ TEST(TissueLawScenes, EnergyBalancesInContact) {
                 worst = std::max(worst, std::abs(e.balance)), entered = std::max(entered, e.work_hand);
                 EXPECT_EQ(f.world().report.inverted_tetrahedra, 0u);
             });
-            std::printf("%s%s: %.4f mJ of work, balance within %.3f %%\n", law, relaxes ? ", relaxing" : "", 1e3 * entered, 100 * worst / entered);
+            std::printf("%s%s: %.4f mJ of work, balance within %.3f %%\n", law, relaxes ? ", relaxing" : "", 1e3 * entered,
+                        100 * worst / entered);
             EXPECT_LT(worst, 2e-3 * entered) << law;
         }
     }

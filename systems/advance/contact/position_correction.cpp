@@ -178,7 +178,8 @@ double branches_work(const SpringStep& step, size_t at, double before, double af
     double work = 0;
     for (uint32_t b = 0; b < step.branches; ++b) {
         const double share = 0.5 / double{step.stored[b]};
-        work += (after - before) * (2 * double{step.overstretch[b * static_cast<size_t>(step.branch_stride) + at]} + share * (after + before - 2 * double{step.stretch[at]}));
+        work += (after - before) * (2 * double{step.overstretch[b * static_cast<size_t>(step.branch_stride) + at]} +
+                                    share * (after + before - 2 * double{step.stretch[at]}));
     }
     return work;
 }

@@ -5,7 +5,9 @@
 namespace trocar {
 namespace {
 
-Vec4d respond(const SweptBody& body, Vec4d j) { return j[0] * body.inv_inertia[0] + j[1] * body.inv_inertia[1] + j[2] * body.inv_inertia[2]; }
+Vec4d respond(const SweptBody& body, Vec4d j) {
+    return j[0] * body.inv_inertia[0] + j[1] * body.inv_inertia[1] + j[2] * body.inv_inertia[2];
+}
 
 Vec4d velocity_at(const SweptConstraint& c, std::span<const SweptBody> bodies) {
     const SweptBody &a = bodies[c.body[0]], &b = bodies[c.body[1]];
@@ -39,8 +41,7 @@ void rub(const SweptConstraint& c, Vec4d impulse, std::span<SweptBody> bodies) {
 // As solve_angular_constraint.
 double solve_swept(SweptConstraint& c, std::span<SweptBody> bodies) {
     Vec4d velocity = velocity_at(c, bodies);
-    const double normal_impulse =
-        std::max(0.0, c.normal_impulse - (dot(c.normal, velocity) - c.target_velocity) * c.effective_mass);
+    const double normal_impulse = std::max(0.0, c.normal_impulse - (dot(c.normal, velocity) - c.target_velocity) * c.effective_mass);
     if (normal_impulse == 0 && c.normal_impulse == 0 && norm2(c.friction_impulse) == 0) return 0;
     const double normal_change = normal_impulse - c.normal_impulse;
     c.normal_impulse = normal_impulse;
@@ -76,7 +77,10 @@ void load_bodies(const AdvanceIsland& island, std::vector<SweptBody>& bodies) {
     for (size_t i = 0; i < island.free.size(); ++i) {
         const AdvanceFree& f = island.free[i];
         const uint32_t node = island.rigid[f.rigid].node;
-        bodies[i] = {island.nodes.node.velocity[node], f.spin, {f.inv_inertia[0], f.inv_inertia[1], f.inv_inertia[2]}, island.nodes.node.inv_mass[node]};
+        bodies[i] = {island.nodes.node.velocity[node],
+                     f.spin,
+                     {f.inv_inertia[0], f.inv_inertia[1], f.inv_inertia[2]},
+                     island.nodes.node.inv_mass[node]};
     }
     bodies.back() = {};
 }

@@ -29,10 +29,10 @@ struct ImplicitScratch {
     std::vector<double> sums;                                            // 16 per chunk, likewise
     // Of a body in contact, from the start of its step to the end.
     Acceleration acceleration;
-    std::vector<Symmetric> metric, response;       // N/m; m/N, its inverse: of each particle alone
-    double energy = 0, damped = 0;                 // J, before the step; work of damping in it
-    double contact = 0, work = 0;                  // J, of contact in the step; energy that nothing accounts for
-    double volume_share = 0;                       // 1/J: of the pressure's part of the inverse; 0 = no pressure
+    std::vector<Symmetric> metric, response;  // N/m; m/N, its inverse: of each particle alone
+    double energy = 0, damped = 0;            // J, before the step; work of damping in it
+    double contact = 0, work = 0;             // J, of contact in the step; energy that nothing accounts for
+    double volume_share = 0;                  // 1/J: of the pressure's part of the inverse; 0 = no pressure
 };
 
 // Memory of steps of deformable bodies.
@@ -47,10 +47,10 @@ struct TissueScratch {
     std::vector<double> sums;                          // per chunk of slices: 16 lanes of damping work
     std::vector<double> shape_sums;                    // per chunk of slices: kShapeSums * 16
     std::vector<std::vector<double>> body_shape_sums;  // as shape_sums, per chunk of bodies
-    std::vector<ImplicitFactor> factor;     // of the bodies met so far
-    ImplicitScratch implicit;               // of the body being stepped, if nothing touches it
-    std::vector<ImplicitScratch> touched;   // of the others
-    std::vector<uint8_t> overstretched;  // per chunk of slices of one body: it has an overlong spring
+    std::vector<ImplicitFactor> factor;                // of the bodies met so far
+    ImplicitScratch implicit;                          // of the body being stepped, if nothing touches it
+    std::vector<ImplicitScratch> touched;              // of the others
+    std::vector<uint8_t> overstretched;                // per chunk of slices of one body: it has an overlong spring
 };
 
 // Where a detected constraint is put while wide constraints are formed: four that share no node.

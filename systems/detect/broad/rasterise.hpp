@@ -33,7 +33,7 @@ struct ScreenChunk {
 struct RasteriseScratch {
     std::vector<Box> region;               // overlap box of each broad-phase pair, world
     std::vector<uint32_t> region_first;    // per body: first index into region_pair
-    std::vector<uint8_t> by_triangles;  // per pair: it has a region
+    std::vector<uint8_t> by_triangles;     // per pair: it has a region
     std::vector<uint32_t> region_pair;     // pairs of a body
     std::vector<PackedBox> packed_region;  // in the order of region_pair
     std::vector<uint32_t> body;            // bodies in a pair, ascending

@@ -32,12 +32,18 @@ void find_hull_pair(const ContactInputs& in, uint32_t pair, ConvexManifoldsScrat
     for (uint32_t i = 0; i < manifold.count; ++i) {
         const HullContact& c = manifold.contact[i];
         const ConvexHull &own = c.of_b ? hull_b : hull_a, &other = c.of_b ? hull_a : hull_b;
-        chunk.found.push_back({pair, c.of_b, {own.vertex[c.ends[0]], own.vertex[c.ends[1]]}, static_cast<float>(c.along),
-                               s.poses.origin[a] + rotate(turn_a, c.point), rotate(turn_a, c.normal), c.distance,
+        chunk.found.push_back({pair,
+                               c.of_b,
+                               {own.vertex[c.ends[0]], own.vertex[c.ends[1]]},
+                               static_cast<float>(c.along),
+                               s.poses.origin[a] + rotate(turn_a, c.point),
+                               rotate(turn_a, c.normal),
+                               c.distance,
                                other.face[c.face].triangle});
     }
     const auto order = [](const Found& f) { return std::tuple(f.of_b, f.vertex[0] != f.vertex[1], f.vertex, f.along); };
-    std::sort(chunk.found.begin() + std::ptrdiff_t(first), chunk.found.end(), [&](const Found& x, const Found& y) { return order(x) < order(y); });
+    std::sort(chunk.found.begin() + std::ptrdiff_t(first), chunk.found.end(),
+              [&](const Found& x, const Found& y) { return order(x) < order(y); });
 }
 
 void write_found(const BroadPhasePairs& pairs, const Found& f, Contacts& to, uint32_t slot) {

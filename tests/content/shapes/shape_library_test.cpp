@@ -47,8 +47,7 @@ Known known_of(const std::string& name) {
 }
 
 bool is_sheet(const std::string& name) {
-    return name == "surgical_mesh" || name == "sac" || name == "peritoneum" || name == "fine_mesh" ||
-           name == "sheet" || name == "dish";
+    return name == "surgical_mesh" || name == "sac" || name == "peritoneum" || name == "fine_mesh" || name == "sheet" || name == "dish";
 }
 
 void expect_sound(const Mesh& mesh, const std::string& name, const std::string& what) {

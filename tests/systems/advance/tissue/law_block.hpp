@@ -26,7 +26,8 @@ struct NeoHookeanLaw {
     Eigen::Matrix3d stress(const Eigen::Matrix3d& f) const {
         const double alpha = 1 + mu / lambda - mu / (4 * lambda);
         Eigen::Matrix3d cofactors;
-        cofactors.col(0) = f.col(1).cross(f.col(2)), cofactors.col(1) = f.col(2).cross(f.col(0)), cofactors.col(2) = f.col(0).cross(f.col(1));
+        cofactors.col(0) = f.col(1).cross(f.col(2)), cofactors.col(1) = f.col(2).cross(f.col(0)),
+        cofactors.col(2) = f.col(0).cross(f.col(1));
         return mu * (1 - 1 / (f.squaredNorm() + 1)) * f + lambda * (f.determinant() - alpha) * cofactors;
     }
     // Stretch across a bar that is stretched by `along` and free at its sides.

@@ -152,8 +152,8 @@ TEST(NeoHookean, StepsAreStableInEveryShape) {
         std::printf("nu %.2f: step %.3f of the limit at rest", nu, step / at_rest);
         EXPECT_LT(step, at_rest);
         EXPECT_GT(step, 0.6 * at_rest);
-        for (const Vec3d& stretch : {Vec3d(2, 0.75, 0.75), Vec3d(1.4, 0.85, 0.85), Vec3d(1.3, 1.3, 0.6), Vec3d(0.5, 1.2, 1.2), Vec3d(0.5, 1, 1),
-                                     Vec3d(0.1, 1, 1), Vec3d(-0.5, 1, 1), Vec3d(1.05, 1.05, 1.05)}) {
+        for (const Vec3d& stretch : {Vec3d(2, 0.75, 0.75), Vec3d(1.4, 0.85, 0.85), Vec3d(1.3, 1.3, 0.6), Vec3d(0.5, 1.2, 1.2),
+                                     Vec3d(0.5, 1, 1), Vec3d(0.1, 1, 1), Vec3d(-0.5, 1, 1), Vec3d(1.05, 1.05, 1.05)}) {
             std::vector<Vec3d> at;
             for (const Vec3d& p : block.rest)
                 at.push_back(stretch.cwiseProduct(p) + 0.5e-3 * Vec3d(unit(random), unit(random), unit(random)) + Vec3d(0.3 * p.y(), 0, 0));
@@ -200,7 +200,8 @@ TEST(Relaxation, StorageAndLossModuli) {
         for (const double omega : {2.0, 20.0, 100.0}) {
             const auto [storage, loss] = storage_and_loss(kTwoTimes, omega);
             const auto [measured, lost] = measured_storage_and_loss(law, kTwoTimes, omega);
-            std::printf("law %d, %.0f rad/s: storage %.4f (%.4f), loss %.4f (%.4f)\n", static_cast<int>(law), omega, measured, storage, lost, loss);
+            std::printf("law %d, %.0f rad/s: storage %.4f (%.4f), loss %.4f (%.4f)\n", static_cast<int>(law), omega, measured, storage,
+                        lost, loss);
             EXPECT_NEAR(measured, storage, 0.005 * storage);
             EXPECT_NEAR(lost, loss, 0.005 * loss);
         }

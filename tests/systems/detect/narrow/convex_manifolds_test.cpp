@@ -49,9 +49,12 @@ Pair random_pair(std::mt19937& random) {
     std::normal_distribution<double> normal;
     const auto shape = [&] {
         switch (random() % 3) {
-            case 0: return make_box({0.04 + 0.03 * unit(random), 0.06, 0.05}, {1, 2, 3});
-            case 1: return stone(random, 0.02);
-            default: return stone(random, 0);
+            case 0:
+                return make_box({0.04 + 0.03 * unit(random), 0.06, 0.05}, {1, 2, 3});
+            case 1:
+                return stone(random, 0.02);
+            default:
+                return stone(random, 0);
         }
     };
     Pair pair{{shape(), shape()}, {}, Vec3d(normal(random), normal(random), normal(random)).normalized()};
