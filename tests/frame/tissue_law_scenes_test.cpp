@@ -7,7 +7,7 @@
 namespace trocar {
 namespace {
 
-const std::string kBall = R"(gravity = [0, 0, 0]
+const std::string kSoftBall = R"(gravity = [0, 0, 0]
 [[body]]
 name = "ball"
 shape = "sphere"
@@ -22,7 +22,7 @@ fixed_below = -0.02
 youngs_modulus = 4e3
 damping = 20
 )";
-const std::string kRod = R"([[body]]
+const std::string kPressingRod = R"([[body]]
 name = "rod"
 shape = "sphere"
 size = 0.02
@@ -41,10 +41,10 @@ position = [0, 0, 0.028]
 
 TEST(TissueLawScenes, KeysAreReadAndChecked) {
     const auto error = [](const std::string& lines, const std::string& rest = "", const std::vector<Override>& overrides = {}) {
-        return WrittenScene("law_keys", kBall + lines + rest).error(overrides);
+        return WrittenScene("law_keys", kSoftBall + lines + rest).error(overrides);
     };
     EXPECT_EQ(error("law = \"neo_hookean\"\nprony = [[0.4, 0.05], [0.3, 0.6]]\n"), "");
-    const BuiltScene built = WrittenScene("law_built", kBall + "law = \"neo_hookean\"\nprony = [[0.4, 0.05], [0.3, 1]]\n").build();
+    const BuiltScene built = WrittenScene("law_built", kSoftBall + "law = \"neo_hookean\"\nprony = [[0.4, 0.05], [0.3, 1]]\n").build();
     EXPECT_EQ(law_of(built.world.bodies, 0), TissueLaw::kNeoHookean);
     EXPECT_EQ(prony_of(built.world.bodies, 0).branches(), 2u);
     EXPECT_EQ(prony_of(built.world.bodies, 0).share[1], 0.3);
@@ -81,7 +81,7 @@ TEST(TissueLawScenes, KeysAreReadAndChecked) {
 
 // Data of a law that is missing or does not fit is named.
 TEST(TissueLawScenes, FaultyWorldsAreNamed) {
-    const WrittenScene scene("law_faults", kBall + "law = \"neo_hookean\"\nprony = [[0.4, 0.05]]\n");
+    const WrittenScene scene("law_faults", kSoftBall + "law = \"neo_hookean\"\nprony = [[0.4, 0.05]]\n");
     const auto fault = [&](auto spoil) {
         BuiltScene built = scene.build();
         spoil(built.world);
@@ -95,7 +95,7 @@ TEST(TissueLawScenes, FaultyWorldsAreNamed) {
 }
 
 TEST(TissueLawScenes, SameBitsForAnyThreadsAndClearedScratch) {
-    const WrittenScene scene("law_bits", kBall + "law = \"neo_hookean\"\nprony = [[0.4, 0.05], [0.3, 0.6]]\n" + kRod);
+    const WrittenScene scene("law_bits", kSoftBall + "law = \"neo_hookean\"\nprony = [[0.4, 0.05], [0.3, 0.6]]\n" + kPressingRod);
     expect_same_bits(scene, 20, [](Frame&) {});
 }
 
@@ -103,7 +103,8 @@ TEST(TissueLawScenes, SameBitsForAnyThreadsAndClearedScratch) {
 TEST(TissueLawScenes, EnergyBalancesInContact) {
     for (const char* law : {"springs", "neo_hookean"}) {
         for (const bool relaxes : {false, true}) {
-            const WrittenScene scene("law_energy", kBall + "law = \"" + law + "\"\n" + (relaxes ? "prony = [[0.6, 0.05]]\n" : "") + kRod);
+            const WrittenScene scene("law_energy",
+                                     kSoftBall + "law = \"" + law + "\"\n" + (relaxes ? "prony = [[0.6, 0.05]]\n" : "") + kPressingRod);
             double worst = 0, entered = 0;
             run(std::move(scene.build().world), 30, [&](const Frame& f, int) {
                 const Energy& e = f.world().energy;
