@@ -34,8 +34,9 @@ struct ContactParams {
     bool faces = false;     // search faces for points deeper than their corners and edges, to tolerance; these become contacts
     bool contours = false;  // intersection stage: where surfaces cross
     bool regions = false;   // overlap regions of every pair; needs the contours and finds them
+    bool hulls = false;     // free convex bodies touch as convex hulls where they hardly move past each other: touch_as_hulls
     TROCAR_FIELDS(tolerance, "m", push_speed, "m/s", cell_edges, iterations, constraint_capacity, share, direction, deep, search, faces,
-                  contours, regions, cross_check);
+                  contours, regions, hulls, cross_check);
 };
 
 // Broad-phase pairs: bodies whose enlarged boxes overlap, a < b, ascending. Static-static pairs are excluded.

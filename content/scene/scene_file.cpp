@@ -21,6 +21,7 @@ ContactParams read_contact(TomlSection section, uint32_t& rate) {
     section.read("faces", contact.faces);
     section.read("contours", contact.contours);
     section.read("regions", contact.regions);
+    section.read("hulls", contact.hulls);
     section.read_count("iterations", contact.iterations, 1, 100);
     section.read("cross_check", contact.cross_check);
     section.read_enum<ResponseShare>(

@@ -97,13 +97,15 @@ void find_parting_contacts(const AdvanceInputs& inputs, const PartingBodies& par
     if (!any) scratch.left.clear();
 }
 
-void part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, double seconds, PartingBodiesScratch& scratch, PairMemory& pairs,
-                 Particles& particles, Poses& poses, double& work_push) {
+double part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, double seconds, PartingBodiesScratch& scratch,
+                   PairMemory& pairs, Particles& particles, Poses& poses, double& work_push) {
     const double most = params.contact.push_speed * seconds;
+    double deepest = 0;
     scratch.shift.assign(inputs.bodies.mesh.size(), Vec3d::Zero());
     for (size_t p = 0; p < pairs.a.size(); ++p) {
         const auto [a, b] = scratch.mass[p];
         const double length = pairs.direction[p].norm(), step = std::min({scratch.depth[p], most, length});
+        if (is_spent(pairs.direction[p])) deepest = std::max(deepest, scratch.depth[p]);
         if (is_spent(pairs.direction[p]) || !(step > 0)) continue;
         if (a == 0 && b == 0) {
             const auto radius = [&](uint32_t body) { return inputs.meshes.info[inputs.bodies.mesh[body]].radius; };
@@ -114,6 +116,7 @@ void part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, doubl
         }
         const Vec3d move = pairs.direction[p] * (step / length);
         shorten(step, pairs.direction[p]);
+        deepest = std::max(deepest, scratch.depth[p] - step);
         const double share = a == 0 ? 1 : b == 0 ? 0 : a / (a + b);  // of b
         scratch.shift[pairs.a[p]] -= (1 - share) * move;
         scratch.shift[pairs.b[p]] += share * move;
@@ -128,6 +131,7 @@ void part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, doubl
             if (params.account_energy) work_push -= mass * params.gravity.dot(shift);
         }
     }
+    return deepest;
 }
 
 }  // namespace trocar

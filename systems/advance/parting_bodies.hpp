@@ -32,8 +32,8 @@ struct PartingBodies {
 void find_parting_contacts(const AdvanceInputs& inputs, const PartingBodies& parting, const Particles& particles,
                            const ContactConstraints& constraints, PartingBodiesScratch& scratch);
 // After it: moves the bodies by what a pass of `seconds` allows, shortens the travel that is left to the pairs, and adds the work
-// against gravity to work_push (J).
-void part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, double seconds, PartingBodiesScratch& scratch, PairMemory& pairs,
-                 Particles& particles, Poses& poses, double& work_push);
+// against gravity to work_push (J). Returns the deepest overlap that is left where corrections had none to do (m).
+double part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, double seconds, PartingBodiesScratch& scratch,
+                   PairMemory& pairs, Particles& particles, Poses& poses, double& work_push);
 
 }  // namespace trocar

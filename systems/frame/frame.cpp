@@ -134,7 +134,7 @@ void Frame::take_in_bodies() {
     if (const std::string missing = find_unfinished(w); !missing.empty()) throw InputError("cannot be simulated: " + missing);
     f.bodies = w.bodies.mesh.size();
     f.prototypes = w.meshes.info.size();
-    f.hulls = make_convex_hulls(w.meshes, w.bodies);
+    if (w.settings.contact.hulls) f.hulls = make_convex_hulls(w.meshes, w.bodies);
     for (size_t body = before; f.options.trace && body < f.bodies; ++body)
         f.island_name.push_back(f.options.trace->keep("island of " + w.bodies.name[body]));
     graphs_->choose();

@@ -216,7 +216,9 @@ void advance(World& w, FrameState& f) {
     if (parts) inputs.left = parting.left;
     advance_islands(params, inputs, {w.islands, w.sleep, w.node_state}, f.scratch.advance,
                     {w.particles, w.poses, w.contact_constraints, w.haptics.state}, w.energy, w.report, f.times.response_ns);
-    if (parts) part_bodies(inputs, params.island, period_seconds(w), parting, w.pair_memory, w.particles, w.poses, w.energy.work_push);
+    if (!parts) return;
+    const double left = part_bodies(inputs, params.island, period_seconds(w), parting, w.pair_memory, w.particles, w.poses, w.energy.work_push);
+    w.report.deepest_residual = std::max(w.report.deepest_residual, left);
 }
 void passed_surfaces(World& w, FrameState& f) {
     find_passed_surfaces(pass_seconds(w), surfaces_of(w), w.local_contact, w.haptics, f.scratch.passed_surfaces, w.passed_surfaces,
@@ -318,6 +320,7 @@ bool any_excluded(const World& w) { return any_pair(w) && (any_tool(w) || !w.nod
 bool any_tool_pair(const World& w) { return any_pair(w) && any_tool(w); }
 bool any_fast(const World& w) { return any_pair(w) && (any_tool(w) || !w.bodies.rigid_mass.empty()); }
 bool any_free_pair(const World& w) { return any_pair(w) && !w.bodies.rigid_mass.empty(); }
+bool wants_hulls(const World& w) { return any_free_pair(w) && w.settings.contact.hulls; }
 bool any_tool_and_tissue(const World& w) { return any_tool(w) && any_deformable(w); }
 bool any_drive(const World& w) { return any_tool(w) && !w.nodes.drive.empty(); }
 bool anyone_sleeps(const World& w) { return any_energy(w) && w.settings.sleep_speed > 0; }
@@ -389,7 +392,7 @@ constexpr FrameStage kStages[] = {
     {S::kFacePass,        P::kDetection,{"face pass",       run<stages::face_pass>,         kShapes | mask(R::kSettings, R::kPairs, R::kCandidates, R::kScreened, R::kNear, R::kTrees),
         mask(R::kContacts)}, wants_faces},
     {S::kConvexManifolds, P::kDetection,{"convex manifolds", run<stages::convex_manifolds>, kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kPairs),
-        mask(R::kContacts)}, any_free_pair},
+        mask(R::kContacts)}, wants_hulls},
     {S::kPenetration,     P::kDetection,{"penetration",     run<stages::penetration>,       mask(R::kPairs, R::kContacts),
         mask(R::kPenetrations, R::kReport)}, any_pair},
     {S::kDeepOverlap,     P::kDetection,{"deep overlap",    run<stages::deep_overlap>,      kShapes | mask(R::kSettings, R::kClock, R::kPairs, R::kContacts, R::kTrees, R::kSpawning),

@@ -169,7 +169,9 @@ void add_run(CLI::App& app, int& code) {
         "direction per point, or one per pair), share = mass | stiffness | half, push_speed (m/s), faces = true (constraints also at "
         "the deepest points inside faces), deep = none | last_free (a saturated pair, so deep that separation directions disagree, "
         "is moved back towards its last free position; one that starts saturated, along a translation proven to separate "
-        "it), search = own | embree (traversal of Embree's trees; same results), cross_check, contours, regions");
+        "it), search = own | embree (traversal of Embree's trees; same results), hulls = true (free convex bodies touch by up to four "
+        "contacts a pair: "
+        "faster, less exact), cross_check, contours, regions");
 }
 
 void add_check(CLI::App& app, int& code) {

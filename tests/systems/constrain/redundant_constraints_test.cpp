@@ -40,7 +40,7 @@ struct FaceConstraints {
         constraints.along.push_back(0);
         constraints.third.push_back(kNone);
         constraints.across.push_back(0);
-        constraints.triangle.push_back({});
+        constraints.triangle.push_back({0, 1, 2});
         constraints.weight.push_back({1, 0, 0});
         const Vec3d normal = rotate(scene.poses.orientation[1], Vec3d(0, 0, other_side ? -1 : 1));
         constraints.normal.push_back(rotate_back(scene.poses.orientation[1 - body], normal));

@@ -181,6 +181,7 @@ TEST(ConvexManifolds, StageLeavesTrianglesAlone) {
                         {make_box({0.1, 0.1, 0.1}, {2, 2, 2}), Motion::kFree, {0.03, 0.02, 0.099}, {}}});
     scene.bodies.rigid_mass.resize(2);
     for (uint32_t body = 0; body < 2; ++body) scene.bodies.rigid_mass[body].body = body;
+    scene.settings.contact.hulls = true;
     scene.frame.hulls = make_convex_hulls(scene.meshes, scene.bodies);
     scene.run();
     EXPECT_TRUE(scene.candidates.near.empty());
