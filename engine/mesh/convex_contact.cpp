@@ -238,8 +238,9 @@ Vec3d closest_on_segment(const Vec3d& p, const Vec3d& a, const Vec3d& b) {
     return a + std::clamp(edge.dot(p - a) / edge.squaredNorm(), 0.0, 1.0) * edge;
 }
 
-// The contact of hulls whose facing faces lie side by side: the incident hull's nearest point against the plane across the way
-// to the reference face, if that separates them by no less, else against the face's own plane.
+// The contact of hulls whose facing faces lie side by side: the incident hull's nearest point against the plane through the nearest
+// point of the reference face, perpendicular to the line between both, if it separates the hulls by no less; else against the face's own
+// plane.
 HullContact beside_face(const HullSide& reference, const FaceAxis& axis, const HullSide& incident, bool of_b, double preferred) {
     HullContact contact{
         of_b, {axis.support, axis.support}, 0, incident.at.point[axis.support], reference.at.normal[axis.face], axis.separation, axis.face};

@@ -237,6 +237,8 @@ TEST(Slamming, HeapsOfBoxes) {
             scene.bodies.push_back(box);
         }
         EXPECT_LT(deepest_overlap(scene, 0.6), 5e-4) << seed;
+        scene.settings.contact.hulls = true;
+        EXPECT_LT(deepest_overlap(scene, 0.6), 1e-3) << seed << ", as convex hulls";
     }
 }
 
