@@ -34,4 +34,7 @@ void model_rows(Report& report);
 // Laws and relaxation of solids against closed forms, and what they cost.
 void law_rows(Report& report);
 
+// Solids by how their surface cuts the lattice, against exact solutions.
+void boundary_rows(Report& report);
+
 }  // namespace trocar::bench

@@ -228,7 +228,7 @@ void stability_rows(Report& report) {
 }  // namespace
 }  // namespace trocar::bench
 
-// Deformation: deform [rates|threads|stability|errors|sheets|models|laws] [--quick] [--json FILE] [--cache DIR]
+// Deformation: deform [rates|threads|stability|errors|sheets|models|laws|boundary] [--quick] [--json FILE] [--cache DIR]
 int deform_suite(int argc, char** argv) {
     using namespace trocar::bench;
     Report report("deform", argc, argv);
@@ -239,7 +239,7 @@ int deform_suite(int argc, char** argv) {
         std::copy(argv + i + 2, argv + argc, argv + i);
         argc -= 2;
     }
-    report.check_parts(argc, argv, {"rates", "threads", "stability", "errors", "sheets", "models", "laws"});
+    report.check_parts(argc, argv, {"rates", "threads", "stability", "errors", "sheets", "models", "laws", "boundary"});
     const std::string only = argc > 1 ? argv[1] : "";
     const auto wanted = [&](const char* part) { return only.empty() || only == part; };
     if (wanted("rates")) rate_rows(report);
@@ -249,5 +249,6 @@ int deform_suite(int argc, char** argv) {
     if (wanted("sheets")) sheet_rows(report);
     if (wanted("models")) model_rows(report);
     if (wanted("laws")) law_rows(report);
+    if (wanted("boundary")) boundary_rows(report);
     return report.finish();
 }

@@ -227,6 +227,9 @@ BodySpec read_body(TomlSection section) {
     section.read("spacing", body.spacing, 1e-9, 1e9);
     section.read("bed", body.bed);
     section.read("skin", body.skin);
+    section.read_enum<bool>("boundary", body.filled, {{"stuffed", false}, {"filled", true}});
+    if (body.filled && !(body.solid && body.skin))
+        section.fail(*section.find("boundary"), "boundary = \"filled\" is for bodies with model = \"solid\" and skin = true");
     section.read("fixed_below", body.fixed_below);
     section.read("integrator", body.integrator);
     if (body.integrator == "xpbd" || body.integrator == "midpoint") {

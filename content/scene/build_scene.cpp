@@ -429,6 +429,7 @@ Prototype make_body_prototype(const SceneFile& scene, const BodySpec& spec, Worl
                           {.spacing = spec.spacing,
                            .cells = spec.cells,
                            .skin = spec.skin,
+                           .filled = spec.filled,
                            .tears = may_tear(scene, spec),
                            .cuts = is_cut_by_tools(scene, spec.name),
                            .cut_capacity = spec.cut_capacity});
@@ -445,7 +446,7 @@ auto key_of(const SceneFile& scene, const BodySpec& spec) {
             ? spec.name
             : "";  // not to be shared
     return std::tuple(own, spec.file, spec.shape, spec.triangles, spec.seed, spec.scale, spec.size, spec.cells, spec.spacing, spec.color,
-                      spec.motion == Motion::kDeformable, spec.solid, spec.skin, caged && swells, caged && bends);
+                      spec.motion == Motion::kDeformable, spec.solid, spec.skin, spec.filled, caged && swells, caged && bends);
 }
 using PrototypeKey = decltype(key_of(SceneFile{}, BodySpec{}));
 

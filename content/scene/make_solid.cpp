@@ -5,6 +5,7 @@
 #include <numeric>
 
 #include "content/shapes/surface_texture.hpp"
+#include "content/volume/filled_lattice.hpp"
 #include "content/volume/mesh_distance.hpp"
 #include "content/volume/organ_surface.hpp"
 #include "engine/base/error.hpp"
@@ -71,6 +72,34 @@ void add_riding_nodes(const TetMesh& tets, Mesh& surface, SurfaceEmbedding& skin
         skin.node.push_back({node, node, node, node});
         skin.weight.push_back({1, 0, 0, 0});
     }
+}
+
+// Shares of a surface's area (m^2) that the nodes carry which its vertices are bound to.
+std::vector<double> carried_area(const Mesh& surface, const SurfaceEmbedding& binding, size_t nodes) {
+    std::vector<double> area(nodes, 0.0);
+    for (const Triangle& t : surface.triangle) {
+        const Vec3d &a = surface.position[t[0]], &b = surface.position[t[1]], &c = surface.position[t[2]];
+        const double third = (b - a).cross(c - a).norm() / 6;
+        for (const uint32_t v : t)
+            for (int k = 0; k < 4; ++k) area[binding.node[v][k]] += third * binding.weight[v][k];
+    }
+    for (double& a : area) a = std::max(a, 0.0);  // vertices outside their tetrahedron have negative weights
+    return area;
+}
+
+// A solid whose surface cuts whole tetrahedra of a lattice.
+void add_filled(Meshes& meshes, Springs& springs, Solids& solids, double spacing, Mesh& surface, Prototype& skin) {
+    if (skin.judgement.admitted_as != Admission::kSolid)
+        throw InputError("boundary = \"filled\" needs a closed, oriented surface without self-crossings: " + skin.judgement.reason);
+    FilledLattice lattice = fill_lattice(spacing, surface.position, surface.triangle);
+    if (lattice.tets.tetrahedron.empty()) throw InputError("no tetrahedra: the surface encloses nothing");
+    order_nodes(lattice.tets);
+    SolidSurface carried{bind_skin(surface.position, lattice.tets.position, lattice.tets.tetrahedron), boundary_of(lattice.tets)};
+    carried.node_volume = filled_node_volume(lattice);
+    carried.node_area = carried_area(surface, carried.binding, lattice.tets.position.size());
+    carried.fill = std::move(lattice.fill);
+    skin.row = add_prototype(meshes, surface, skin.judgement.admitted_as);
+    add_solid(meshes, skin.row, lattice.tets.position, lattice.tets.tetrahedron, springs, solids, &carried);
 }
 
 // Factor on the colour of a body for the new surface inside it.
@@ -164,6 +193,13 @@ Prototype make_solid(Meshes& meshes, Springs& springs, Solids& solids, Mesh mesh
     const Box box = alone.info[0].box;
     const double extent = (box.max - box.min).maxCoeff();
     const double spacing = fill.spacing > 0 ? fill.spacing : extent / fill.cells;
+    if (fill.filled) {
+        if (!fill.skin || fill.tears || fill.cuts)
+            throw InputError("boundary = \"filled\" is for solids with skin = true that are neither cut nor torn");
+        surface.uv = alone.uv, surface.triangle_material = alone.triangle_material;
+        add_filled(meshes, springs, solids, spacing, surface, skin);
+        return skin;
+    }
     TetMesh tets = stuff_isosurface({spacing, 1}, box, mesh_distance(surface, skin.judgement.admitted_as));
     if (tets.tetrahedron.empty()) throw InputError("no tetrahedra: the lattice is too wide for this shape");
     order_nodes(tets);

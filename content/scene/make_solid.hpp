@@ -10,6 +10,8 @@ struct SolidOptions {
     double cells = 12;
     bool skin = false;                       // embed the given surface; false: the tetrahedra's boundary is
                                              // used
+    bool filled = false;                     // with skin: whole lattice tetrahedra weighted by what the surface encloses of them
+                                             // (content/volume/filled_lattice.hpp); false: tetrahedra stuffed into the surface
     bool tears = false;                      // reserves room for faces behind tetrahedra,
                                              // engine/tissue/solid_tears.hpp
     bool cuts = false;                       // instruments may cut it (engine/tissue/lattice_cut.hpp); without skin

@@ -47,6 +47,7 @@ struct BodySpec {
     double cells = 12;                                              // solids: lattice cells along the largest extent
     double spacing = 0;                                             // m, solids: lattice spacing; 0 = from cells
     bool skin = false;                                              // solids: embed the given surface in the tetrahedra
+    bool filled = false;                                            // solids with skin: boundary = "filled"
     bool bed = false;                                               // solids: elastic foundation, like a shell's
     std::string integrator = "leapfrog";                            // leapfrog | implicit | auto
     uint32_t iterations = 0;                                        // implicit: iterations of a step at most; 0 = usual

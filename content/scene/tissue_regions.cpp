@@ -46,7 +46,7 @@ void vary_tetrahedra(const std::vector<double>& stiffness, uint32_t prototype, S
     for (uint32_t t = info.tetrahedra.first; t < info.tetrahedra.first + info.count; ++t) {
         double sum = 0;
         for (const auto& corner : solids.corner) sum += 0.25 * stiffness[corner[t]];
-        solids.factor[t] = static_cast<float>(sum);
+        solids.factor[t] *= static_cast<float>(sum);
     }
 }
 

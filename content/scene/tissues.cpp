@@ -26,6 +26,10 @@ std::span<const TissuePreset> tissue_presets() {
          "E: cortex in vivo (rabbit), shear wave elastography, BMC Nephrology, doi 10.1186/s12882-017-0679-2, 2017. "
          "density: Kaye & Laby, Tables, 2.4.6",
          tissue_of(16.3e3, 1050, 5e-3, 0.03, 10, 0)},
+        {"spleen",
+         "E: 2.9 +- 1.8 kPa, 127 healthy adults, shear wave elastography, Arda et al., Am J Roentgenol 197(3), 2011 (16.6 +- 2.5 kPa in "
+         "another study of 59 healthy adults, pmc.ncbi.nlm.nih.gov PMC5059412: devices differ). density: no source, that of the liver",
+         tissue_of(2.9e3, 1060, 5e-3, 0.03, 10, 0)},
         {"gallbladder",
          "E = 3 G, G 85 kPa and density: table 1 of Phys Med Biol 64(22) 225001, 2019, after Karimi et al., J Med Eng Technol, 2017",
          tissue_of(255e3, 1060, 2e-3, 1.0, 10, 1)},
@@ -41,6 +45,12 @@ std::span<const TissuePreset> tissue_presets() {
          "E = 3 |G|, |G| 1000 Pa, relaxed gluteus in vivo, the same study as of fat; abdominal wall in tension 20 to 50 kPa "
          "(linea alba, Foerstemann et al., J Biomech, 2011). density: Kaye & Laby, Tables, 2.4.6",
          tissue_of(3e3, 1047, 8e-3, 0.03, 10, 0)},
+        {"vessel",
+         "E: 701 to 983 kPa, the means of women of 45 to 49 and of men of 60 to 64 years, common carotid artery in vivo, ultrasound, Riley "
+         "et al., Stroke 23, 1992; their middle. An artery: veins are softer. density: no source, that of muscle",
+         tissue_of(842e3, 1047, 1e-3, 1.0, 10, 1)},
+        {"peritoneum", "E: no source, chosen, within the order of the bowel's wall. density: no source, that of muscle. wall: chosen",
+         tissue_of(200e3, 1047, 0.5e-3, 1.0, 0, 1)},
         {"polypropylene_mesh",
          "stretch: 1 N/mm, within the 0.3 to 4.6 of six meshes of Pott et al., PLoS ONE 7(10) e46978, 2012; knits differ by two "
          "orders of magnitude (Maurer et al., Materials 8, 2015). 50 g/m^2 at 0.5 mm: chosen. bending: no source, that of a plate of "

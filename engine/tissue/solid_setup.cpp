@@ -26,6 +26,8 @@ Range grown(size_t first, size_t count) {
 struct Filling {
     std::vector<Vec3d> node;
     std::span<const Tetrahedron> tetrahedra;
+    std::span<const double> fill{};  // empty = 1
+    double share(size_t t) const { return fill.empty() ? 1.0 : fill[t]; }
     double volume(const Tetrahedron& t) const { return six_volumes(node[t[0]], node[t[1]], node[t[2]], node[t[3]]) / 6; }
 };
 
@@ -41,6 +43,10 @@ void append_tetrahedra(const Filling& filling, SolidInfo& info, Solids& solids) 
         solids.rest.push_back(static_cast<float>(rest));
         solids.per_rest.push_back(rest > 0 ? static_cast<float>(1 / rest) : 0.0f);
     }
+    if (filling.fill.empty()) return;
+    info.varied = 1;
+    solids.factor.resize(info.tetrahedra.end(), 1.0f);
+    for (size_t t = 0; t < count; ++t) solids.factor[info.tetrahedra.first + t] = static_cast<float>(filling.fill[t]);
 }
 
 // For each node the tetrahedron corners around it, by tetrahedron.
@@ -71,12 +77,13 @@ void append_slots(const Filling& filling, uint32_t padded_tets, SolidInfo& info,
 // Springs along the edges, stiffness from solid_moduli; factor = stiffness / its mean over the edges.
 void append_edge_springs(const Meshes& meshes, uint32_t prototype, const Filling& filling, const SolidSurface* skin, Springs& springs) {
     std::map<std::array<uint32_t, 2>, double> around;  // edge -> stiffness / modulus
-    for (const Tetrahedron& t : filling.tetrahedra) {
+    for (size_t tet = 0; tet < filling.tetrahedra.size(); ++tet) {
+        const Tetrahedron& t = filling.tetrahedra[tet];
         double squared = 0;
         for (int i = 0; i < 4; ++i) {
             for (int j = i + 1; j < 4; ++j) squared += (filling.node[t[i]] - filling.node[t[j]]).squaredNorm();
         }
-        const double share = 6 * filling.volume(t) / squared;
+        const double share = 6 * filling.volume(t) * filling.share(tet) / squared;
         for (int i = 0; i < 4; ++i) {
             for (int j = i + 1; j < 4; ++j) around[{std::min(t[i], t[j]), std::max(t[i], t[j])}] += share;
         }
@@ -127,13 +134,18 @@ void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> 
     TROCAR_ASSERT(!tetrahedra.empty() && solids.info.size() <= prototype);
     while (solids.info.size() < prototype) add_without_tetrahedra({}, solids);
     const MeshView surface = mesh_view(meshes, prototype);
-    Filling filling{{}, tetrahedra};
+    Filling filling{{}, tetrahedra, skin ? std::span<const double>(skin->fill) : std::span<const double>()};
+    TROCAR_ASSERT(filling.fill.empty() || (filling.fill.size() == tetrahedra.size() && !tears));
     if (!skin) filling.node.assign(surface.position.begin(), surface.position.end());
     filling.node.insert(filling.node.end(), inner.begin(), inner.end());
     for (const Tetrahedron& t : tetrahedra) {
         for (const uint32_t node : t) TROCAR_ASSERT(node < filling.node.size());
     }
     append_edge_springs(meshes, prototype, filling, skin, springs);
+    if (!filling.fill.empty()) {
+        const uint32_t first = springs.vertices[prototype].first + springs.info[prototype].skin;
+        for (size_t v = 0; v < inner.size(); ++v) springs.area_share[first + v] = static_cast<float>(skin->node_area[v]);
+    }
     SolidInfo info;
     info.inner = grown(solids.position.size(), inner.size());
     solids.position.insert(solids.position.end(), inner.begin(), inner.end());
@@ -141,7 +153,9 @@ void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> 
     append_tetrahedra(filling, info, solids);
     append_slots(filling, info.tetrahedra.count, info, solids);
     info.nodes = grown(solids.node_volume.size(), filling.node.size());
-    const std::vector<double> volume = tears ? quarter_volumes(filling.node, tetrahedra) : lumped_volume(filling.node, tetrahedra);
+    const std::vector<double> volume = !filling.fill.empty() ? skin->node_volume
+                                       : tears               ? quarter_volumes(filling.node, tetrahedra)
+                                                             : lumped_volume(filling.node, tetrahedra);
     solids.node_volume.insert(solids.node_volume.end(), volume.begin(), volume.end());
     solids.info.push_back(info);
 }

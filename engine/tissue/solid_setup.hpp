@@ -23,6 +23,9 @@ inline constexpr double kNoFoundation = 1e9;
 struct SolidSurface {
     SurfaceEmbedding binding;
     std::vector<Triangle> boundary;
+    // Of tetrahedra that the surface cuts; empty: they are its inside. Stiffness of each / that of a full one; m^3, volume of each
+    // node; m^2, share of the embedded surface that each carries (instead of `boundary`).
+    std::vector<double> fill{}, node_volume{}, node_area{};
 };
 void add_solid(const Meshes& meshes, uint32_t prototype, std::span<const Vec3d> inner, std::span<const std::array<uint32_t, 4>> tetrahedra,
                Springs& springs, Solids& solids, const SolidSurface* skin = nullptr, bool tears = false);

@@ -114,7 +114,7 @@ TEST(Tissues, ErrorOfTheModulusOnGeneratedSurfaces) {
 
 // Every preset makes a body that explicit steps can integrate, and names the source of its modulus.
 TEST(Tissues, EveryPresetMakesABody) {
-    EXPECT_EQ(tissue_presets().size(), 7u);
+    EXPECT_EQ(tissue_presets().size(), 10u);
     for (const TissuePreset& preset : tissue_presets()) {
         SceneFile scene = scene_with(std::string("tissue = \"") + preset.name + "\"\n");
         const BuiltScene built = build_scene(scene, Looks::kPlain);
@@ -123,6 +123,37 @@ TEST(Tissues, EveryPresetMakesABody) {
         EXPECT_GT(std::string(preset.sources).size(), 30u) << preset.name;
         EXPECT_EQ(built.world.springs.hinges.first.size(), preset.tissue.bending > 0 ? 1u : 0u);
     }
+}
+
+// A solid cut by its skin has the mass of what the skin encloses, and is stepped.
+TEST(Tissues, AFilledSolidIsBuiltFromAScene) {
+    const std::string solid = "model = \"solid\"\nskin = true\ncells = 6\nboundary = \"filled\"\n";
+    const BuiltScene built = build_scene(scene_with(solid), Looks::kPlain);
+    const World& w = built.world;
+    double mass = 0;
+    for (const Float4& o : w.particles.offset) mass += o.w > 0 ? 1 / double{o.w} : 0;
+    const double whole = w.bodies.tissue[0].density * w.meshes.info[w.bodies.mesh[0]].volume;
+    EXPECT_NEAR(mass, whole, 1e-6 * whole);
+    EXPECT_EQ(w.solids.info[w.bodies.mesh[0]].varied, 1u);
+    // the part of the elastic foundation that each node holds adds up to that of the surface
+    const BuiltScene bedded = build_scene(scene_with(solid + "bed = true\n"), Looks::kPlain);
+    double held = 0, area = bedded.world.meshes.info[bedded.world.bodies.mesh[0]].area;
+    for (const float k : bedded.world.anchors.stiffness) held += double{k};
+    const Tissue& tissue = bedded.world.bodies.tissue[0];
+    EXPECT_NEAR(held, tissue.youngs_modulus * area / tissue.depth, 0.01 * held);
+
+    const auto error = [](const std::string& lines) {
+        try {
+            build_scene(scene_with(lines), Looks::kPlain);
+        } catch (const InputError& fault) {
+            return std::string(fault.what());
+        }
+        return std::string();
+    };
+    EXPECT_NE(error("model = \"solid\"\nboundary = \"filled\"\n").find(":7:"), std::string::npos) << error("boundary = \"filled\"\n");
+    EXPECT_NE(error("model = \"solid\"\nboundary = \"filled\"\n").find("skin = true"), std::string::npos);
+    EXPECT_NE(error("boundary = \"cut\"\n"), "");
+    EXPECT_NE(error(solid + "break_strain = 0.5\n").find("neither cut nor torn"), std::string::npos);
 }
 
 }  // namespace
