@@ -62,7 +62,7 @@ export class Player {
         for (const [value, textContent] of Object.entries(modes)) mode.append(element('option', {value, textContent}));
         this.cameraChoice = element('select', {title: 'what the picture is seen from', onchange: () => this.view.follow(this.cameraChoice.value === 'scene')});
         this.cameraChoice.append(element('option', {value: 'free', textContent: 'orbit'}), element('option', {value: 'scene', textContent: this.recording.header.camera.orbit ? "the scene's" : 'laparoscope'}));
-        const row = element('div', {className: 'bar'}, element('label', {}, 'camera ', this.cameraChoice), element('label', {}, 'colour by ', mode), this.legend = element('span', {className: 'legend'}));
+        const row = element('div', {className: 'bar'}, element('label', {}, 'colour by ', mode), this.legend = element('span', {className: 'legend'}));
         for (const [layer, text] of Object.entries(layerNames)) {
             if (['cells', 'boxes', 'pairs'].includes(layer) && !this.recording.header.cells) continue;
             if (layer === 'links' && !this.recording.header.links) continue;
@@ -71,6 +71,7 @@ export class Player {
             box.onchange = () => { this.view.layers[layer] = box.checked, this.show(this.at); };
             row.append(element('label', {}, box, ' ' + text));
         }
+        row.append(element('label', {}, 'camera ', this.cameraChoice));
         return row;
     }
     showLegend() {
