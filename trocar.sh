@@ -96,6 +96,14 @@ TXT
     step "done: open out/docs/site/index.html"
 }
 
+# The .debs and the wheel of what is built, into a folder.
+pack() {
+    mkdir -p "$1"
+    cpack --config build/release/CPackConfig.cmake -B "$1/work" >"$1/cpack.log" || { cat "$1/cpack.log"; exit 1; }
+    mv "$1"/work/*.deb "$1/" && rm -r "$1/work" "$1/cpack.log"
+    python3 systems/app/python/make_wheel.py build/release/wheel/libtrocar.so.0 content/scenes "$1" "$(sed -n 's/^project(trocar VERSION \([0-9.]*\).*/\1/p' CMakeLists.txt)"
+}
+
 case "${1:-}" in
     build) build release ;;
     docs)
@@ -141,11 +149,15 @@ case "${1:-}" in
     package)
         build release trocar trocar_c trocar_wheel trocar_engine trocar_systems trocar_content programs
         install_packages dpkg-dev python3 file
-        rm -rf out/packages && mkdir -p out/packages
+        # archives take their times from here: the same build packed again gives the same bytes
+        export SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct 2>/dev/null || echo 1577836800)}
+        rm -rf out/packages
         step "packing"
-        cpack --config build/release/CPackConfig.cmake -B out/packages/work >out/packages/cpack.log || { cat out/packages/cpack.log; exit 1; }
-        mv out/packages/work/*.deb out/packages/ && rm -r out/packages/work out/packages/cpack.log
-        python3 systems/app/python/make_wheel.py build/release/wheel/libtrocar.so.0 content/scenes out/packages "$(sed -n 's/^project(trocar VERSION \([0-9.]*\).*/\1/p' CMakeLists.txt)"
+        pack out/packages
+        step "packing again, for the same bytes"
+        pack out/packages/again
+        for package in out/packages/again/*; do cmp "$package" "out/packages/${package##*/}"; done
+        rm -r out/packages/again
         step "trying them"
         tests/interface/packages.sh out/packages "${2:-}"
         step "done: out/packages/"

@@ -20,10 +20,11 @@ void renumber(Links& links) {
 // Rejects groups that would be read beyond arrays, or hold nothing.
 void check_group(const LinkWorld& w, const LinkGroup& g) {
     const Bodies& bodies = w.surfaces.bodies;
-    TROCAR_ASSERT(g.body < bodies.mesh.size() && g.holder < bodies.mesh.size() && g.body != g.holder);
+    TROCAR_ASSERT(g.body < bodies.mesh.size() && (g.holder < bodies.mesh.size() || g.holder == kNone) && g.body != g.holder);
     TROCAR_ASSERT(is_deformable(bodies, g.body));
     TROCAR_ASSERT(g.stiffness > 0 && std::isfinite(g.stiffness));
-    TROCAR_ASSERT(is_deformable(bodies, g.holder) || !std::isfinite(g.within) || bodies.tree[g.holder] < w.trees.size());
+    TROCAR_ASSERT(g.holder == kNone || is_deformable(bodies, g.holder) || !std::isfinite(g.within) ||
+                  bodies.tree[g.holder] < w.trees.size());
 }
 
 // Keeps the links for which keep(group, index) holds, in their order.
@@ -83,12 +84,16 @@ uint32_t nearest_node(const LinkWorld& w, uint32_t body, const Vec3d& position, 
 Vec3d in_region_frame(const LinkWorld& w, const LinkGroup& g, uint32_t node, const Vec3d& position) {
     const Surfaces& s = w.surfaces;
     if (g.frame == RegionFrame::kRest) return rest_of_node(s.meshes, w.solids, s.bodies.mesh[g.body], node);
-    return g.frame == RegionFrame::kHolder ? world_to_frame(s, g.holder, position) : position;
+    return g.frame == RegionFrame::kHolder && g.holder != kNone ? world_to_frame(s, g.holder, position) : position;
 }
 
 // Finds the attachment of a node there; false if nothing is within reach.
 bool find_hold(const LinkWorld& w, const LinkGroup& g, const Vec3d& position, LinkHold& held) {
     const Surfaces& s = w.surfaces;
+    if (g.holder == kNone) {  // where it is
+        held.point = position;
+        return true;
+    }
     if (!is_deformable(s.bodies, g.holder)) {
         held.point = world_to_frame(s, g.holder, position);
         if (!std::isfinite(g.within)) return true;
@@ -261,7 +266,7 @@ void update_link_limits(const Bodies& bodies, const Solids& solids, const Partic
     double* on_holder = scratch.data() + particles.offset.size();  // 1/s^2
     for (const LinkGroup& g : links.group) {
         if (g.body == kNone || g.links.count == 0) continue;
-        const bool nodes = is_deformable(bodies, g.holder);
+        const bool nodes = g.holder != kNone && is_deformable(bodies, g.holder);
         const double k = g.stiffness;
         for (uint32_t index = g.links.first; index < g.links.end(); ++index) {
             if (!links.whole[index]) continue;
@@ -273,7 +278,7 @@ void update_link_limits(const Bodies& bodies, const Solids& solids, const Partic
                 scratch[near] += k * (1 + share);
                 if (far_w > 0) scratch[far] += k * (1 + 1 / share);
             } else {
-                const double of_holder = inverse_mass_of_holder(bodies, g.holder, links.point[index]);
+                const double of_holder = g.holder == kNone ? 0 : inverse_mass_of_holder(bodies, g.holder, links.point[index]);
                 const double share = of_holder > 0 ? g.links.count * of_holder / w : 0;
                 scratch[near] += k * (1 + share);
                 if (share > 0) on_holder[g.holder] += k * (1 + 1 / share) * of_holder;
@@ -294,7 +299,8 @@ void update_link_limits(const Bodies& bodies, const Solids& solids, const Partic
 void joined_by_links(const Bodies& bodies, const Links& links, std::vector<std::array<uint32_t, 2>>& joined) {
     joined.clear();
     for (const LinkGroup& g : links.group) {
-        if (g.body != kNone && g.links.count > 0 && bodies.motion[g.holder] != Motion::kStatic) joined.push_back({g.body, g.holder});
+        if (g.body == kNone || g.holder == kNone || g.links.count == 0) continue;
+        if (bodies.motion[g.holder] != Motion::kStatic) joined.push_back({g.body, g.holder});
     }
 }
 

@@ -445,11 +445,11 @@ void check_links(const World& w) {
             require(group.links.count == 0, "links: some belong to no group");
             continue;
         }
-        require_below(group.holder, bodies, "link to body");
+        require_below_or_none(group.holder, bodies, "link to body");
         require(is_deformable(w.bodies, group.body) && group.body != group.holder && group.stiffness > 0 &&
                     std::isfinite(group.stiffness) && group.gauge > 0 && group.break_strain > 0,
                 "link group ", std::to_string(g), " holds in no known way");
-        const bool nodes = is_deformable(w.bodies, group.holder);
+        const bool nodes = group.holder != kNone && is_deformable(w.bodies, group.holder);
         for (uint32_t row = group.links.first; row < group.links.end(); ++row) {
             require_below(l.node[row], w.bodies.particles[group.body].count, "link of node");
             if (nodes) require_below(l.far_node[row], w.bodies.particles[group.holder].count, "link to node");

@@ -308,7 +308,8 @@ bool any_deformable(const World& w) { return !w.particles.offset.empty(); }
 bool any_energy(const World& w) { return any_deformable(w) || !w.bodies.rigid_mass.empty(); }
 bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
 
-bool any_link(const World& w) { return !w.links.group.empty(); }
+// Or room for groups: links may come while it runs.
+bool any_link(const World& w) { return w.links.group.capacity() > 0; }
 bool any_action(const World& w) { return !w.actions.action.empty(); }
 bool any_heat(const World& w) { return !w.actions.heat_body.empty(); }
 bool any_tool_cut(const World& w) { return !w.actions.cut_body.empty() || !w.actions.cut_solid.empty(); }

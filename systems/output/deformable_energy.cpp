@@ -16,6 +16,7 @@ struct LinkEnd {
 
 LinkEnd end_of_link(const EnergyInputs& in, uint32_t body, uint32_t node, const Vec3d& point) {
     const Poses& poses = in.poses;
+    if (body == kNone) return {point, Vec3d::Zero()};  // of the world
     if (!is_deformable(in.bodies, body)) {
         const Vec3d arm = rotate(poses.orientation[body], point);
         return {poses.origin[body] + arm, poses.velocity[body] + poses.angular_velocity[body].cross(arm)};

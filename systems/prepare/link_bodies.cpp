@@ -17,6 +17,7 @@ bool wants_to_hold(const LinkGroup& g, double now, std::span<const ToolState> to
 
 void link_bodies(double now, std::span<const ToolState> tools, const LinkWorld& world, LinkScratch& scratch, Links& links, Sleep& sleep,
                  Energy& energy, Report& report) {
+    if (links.group.empty()) return;
     const uint64_t broken = static_cast<uint64_t>(std::count(links.whole.begin(), links.whole.end(), uint8_t{0}));
     drop_broken_links(links);
     bool changed = broken > 0 || links.stable_dt.size() != world.surfaces.bodies.mesh.size();

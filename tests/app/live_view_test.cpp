@@ -1,3 +1,5 @@
+#include "systems/app/view/live_view.hpp"
+
 #include <arpa/inet.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
@@ -9,9 +11,9 @@
 
 #include "engine/base/error.hpp"
 #include "engine/geometry/quaternion.hpp"
+#include "systems/app/console/resident_memory.hpp"
 #include "systems/app/player/player_code.hpp"
 #include "systems/app/player/player_page.hpp"
-#include "systems/app/view/live_view.hpp"
 #include "systems/haptics/manipulator.hpp"
 #include "tests/app/quick_scene.hpp"
 namespace trocar {
@@ -29,7 +31,9 @@ class RawClient {
         setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
         EXPECT_EQ(connect(socket_, reinterpret_cast<const sockaddr*>(&to), sizeof to), 0);
     }
-    ~RawClient() { close(socket_); }
+    ~RawClient() {
+        if (socket_ >= 0) close(socket_);
+    }
     RawClient(const RawClient&) = delete;
     RawClient& operator=(const RawClient&) = delete;
 
@@ -125,6 +129,12 @@ class RawClient {
         return false;
     }
     nlohmann::json status;
+    // Goes without a word, as a browser that is killed: the kernel resets the connection.
+    void vanish() {
+        const linger at_once{1, 0};
+        setsockopt(socket_, SOL_SOCKET, SO_LINGER, &at_once, sizeof at_once);
+        close(std::exchange(socket_, -1));
+    }
 
  private:
     bool receive() {
@@ -204,8 +214,8 @@ TEST(LiveView, OnlyItsOwnNamesAndFilesAreServed) {
     EXPECT_NE(script.find("content-encoding: deflate"), std::string::npos);
     EXPECT_EQ(script.substr(script.find("\r\n\r\n") + 4), packed_player_script());
     // a page that makes its own name mean 127.0.0.1 still says its own name
-    for (const std::string& host : {std::string("evil.example"), "evil.example:" + std::to_string(run.port.number), std::string("127.0.0.1"),
-                                    run.port.host + ".evil.example", std::string(300, 'x')})
+    for (const std::string& host : {std::string("evil.example"), "evil.example:" + std::to_string(run.port.number),
+                                    std::string("127.0.0.1"), run.port.host + ".evil.example", std::string(300, 'x')})
         EXPECT_FALSE(get("/", host).starts_with("HTTP/1.1 200")) << host;
     for (const char* path : {"/../etc/passwd", "/etc/passwd", "/player.js/x", "/%2e%2e/%2e%2e/etc/passwd"})
         EXPECT_FALSE(get(path, run.port.host).starts_with("HTTP/1.1 200")) << path;
@@ -216,19 +226,21 @@ TEST(LiveView, SocketsOfOtherPagesAndWithoutTheTokenSeeNothing) {
     NEEDS_VIEW();
     ViewedRun run;
     const std::string good = "http://" + run.port.host;
-    for (const std::string& origin : {std::string("http://evil.example"), std::string("null"), "https://" + run.port.host, good + ".evil.example",
-                                      "http://127.0.0.1:" + std::to_string(run.port.number ^ 1)})
+    for (const std::string& origin : {std::string("http://evil.example"), std::string("null"), "https://" + run.port.host,
+                                      good + ".evil.example", "http://127.0.0.1:" + std::to_string(run.port.number ^ 1)})
         EXPECT_FALSE(RawClient(run.port.number).upgrade(run.port.host, origin)) << origin;
     EXPECT_FALSE(RawClient(run.port.number).upgrade("evil.example", "http://evil.example"));
     EXPECT_FALSE(RawClient(run.port.number).upgrade(run.port.host, good, "chat"));
     std::string message;
-    for (std::string token : {std::string(), run.port.token.substr(1), run.port.token + "0", std::string(32, '0'), std::string(5000, '0')}) {
+    for (std::string token :
+         {std::string(), run.port.token.substr(1), run.port.token + "0", std::string(32, '0'), std::string(5000, '0')}) {
         RawClient client(run.port.number);
         ASSERT_TRUE(client.upgrade(run.port.host, good));
         client.say(token);
         EXPECT_FALSE(client.hear(message)) << token << ": " << message;
     }
-    for (const std::string& noise : {std::string("\xff\xff\xff\xff\xff\xff\xff\xff"), std::string("\x81\x05hello"), std::string(100000, '\x07')}) {
+    for (const std::string& noise :
+         {std::string("\xff\xff\xff\xff\xff\xff\xff\xff"), std::string("\x81\x05hello"), std::string(100000, '\x07')}) {
         RawClient client(run.port.number);
         ASSERT_TRUE(client.enter(run.port.token));
         client.send_bytes(noise);
@@ -237,9 +249,9 @@ TEST(LiveView, SocketsOfOtherPagesAndWithoutTheTokenSeeNothing) {
     RawClient client(run.port.number);
     ASSERT_TRUE(client.enter(run.port.token));
     EXPECT_TRUE(client.hear_bytes(0, message));
-    for (const char* text : {"", "{", "[]", "17", R"({"do":17})", R"({"do":"hand","tip":"x"})", R"({"do":"hand","body":1e300,"tip":[1,2,3]})",
-                             R"({"do":"hold"})", R"({"do":"speed","value":"fast"})", R"({"do":"speed","value":-1})",
-                             R"({"do":"hand","body":-1,"tip":[null,1,2]})"})
+    for (const char* text : {"", "{", "[]", "17", R"({"do":17})", R"({"do":"hand","tip":"x"})",
+                             R"({"do":"hand","body":1e300,"tip":[1,2,3]})", R"({"do":"hold"})", R"({"do":"speed","value":"fast"})",
+                             R"({"do":"speed","value":-1})", R"({"do":"hand","body":-1,"tip":[null,1,2]})"})
         client.say(text);
     client.say(std::string(2000, '['));
     client.say(R"({"do":"pause"})");
@@ -317,6 +329,130 @@ TEST(LiveView, TheFirstHoldsAndTheNextMayTakeOver) {
     second.say(R"({"do":"hold"})");
     second.say(R"({"do":"end"})");
     run.end();
+}
+
+// What the client that holds the run asks for reaches the simulation in its order; of others and of broken messages nothing does.
+TEST(LiveView, CommandsOfTheHolderWaitForThePass) {
+    NEEDS_VIEW();
+    ViewedRun run;
+    RawClient client(run.port.number), other(run.port.number);
+    ASSERT_TRUE(client.enter(run.port.token));
+    client.say(R"({"do":"hold"})");
+    ASSERT_TRUE(client.hear_status([](const nlohmann::json& s) { return s["holds"].get<bool>(); }));
+    ASSERT_TRUE(other.enter(run.port.token));
+    other.say(R"({"do":"grab","body":0,"point":[1,2,3]})"), other.say(R"({"do":"capture"})");
+    for (const char* text :
+         {R"({"do":"grab","body":1,"point":[1,2,3]})", R"({"do":"pull","point":[4,5,6]})", R"({"do":"pull","point":[7,8,9]})",
+          R"({"do":"pull","point":[7,8]})", R"({"do":"set","key":"gravity","value":"[0,0,0]"})", R"({"do":"capture"})", R"({"do":"let"})",
+          R"({"do":"set","key":7,"value":"no text"})"})
+        client.say(text);
+    ASSERT_TRUE(
+        client.hear_status([](const nlohmann::json& s) { return s["told"].get<std::string>().find("\"key\"") != std::string::npos; }));
+    EXPECT_FALSE(client.status["captures"].get<bool>());
+    EXPECT_FALSE(run.view.take_capture()) << "the run keeps none";
+    const std::vector<ViewCommand> asked = run.view.take_commands();
+    ASSERT_EQ(asked.size(), 4u);
+    EXPECT_EQ(asked[0].kind, ViewCommand::Kind::kGrab);
+    EXPECT_EQ(asked[0].body, 1u);
+    EXPECT_EQ(asked[1].point, Vec3d(7, 8, 9)) << "the last of the pulls";
+    EXPECT_EQ(asked[2].key, "gravity");
+    EXPECT_EQ(asked[3].kind, ViewCommand::Kind::kLet);
+    run.view.offer_captures(true);
+    client.say(R"({"do":"capture"})");
+    for (size_t i = 0; i < 3 * LiveView::kMostCommands; ++i) client.say(R"({"do":"set","key":"a","value":"b"})");
+    client.say(R"({"do":"grab","body":0,"point":[0,0,0]})"), client.say(R"({"do":"let"})"), client.say(R"({"do":"pull"})");
+    ASSERT_TRUE(
+        client.hear_status([](const nlohmann::json& s) { return s["told"].get<std::string>().find("\"point\"") != std::string::npos; }));
+    EXPECT_TRUE(run.view.take_capture());
+    const std::vector<ViewCommand> most = run.view.take_commands();
+    EXPECT_EQ(most.size(), LiveView::kMostCommands);
+    EXPECT_EQ(most.back().kind, ViewCommand::Kind::kLet) << "never lost";
+}
+
+// A browser that is killed lets go of what it dragged and of the run; the next may have it. Again and again.
+TEST(LiveView, ClientsThatAreKilledComeBack) {
+    NEEDS_VIEW();
+    ViewedRun run;
+    for (int life = 0; life < 8; ++life) {
+        RawClient client(run.port.number);
+        ASSERT_TRUE(client.enter(run.port.token));
+        std::string start;
+        ASSERT_TRUE(client.hear_bytes(0, start)) << life;
+        client.say(R"({"do":"hold"})");
+        ASSERT_TRUE(client.hear_status([](const nlohmann::json& s) { return s["holds"].get<bool>(); })) << life;
+        EXPECT_LE(client.status["clients"].get<int>(), 2);
+        client.say(R"({"do":"grab","body":0,"point":[0,0,0]})"),
+            client.say(R"({"do":"speed","value":)" + std::to_string(1 + life % 3) + "}");
+        ASSERT_TRUE(client.hear_status([&](const nlohmann::json& s) { return s["speed"] == 1 + life % 3; }));
+        run.view.take_commands();
+        client.vanish();
+        std::vector<ViewCommand> left;
+        for (int i = 0; i < 2000 && left.empty(); ++i) {
+            std::this_thread::sleep_for(std::chrono::milliseconds(5));
+            left = run.view.take_commands();
+        }
+        ASSERT_EQ(left.size(), 1u) << life;
+        EXPECT_EQ(left[0].kind, ViewCommand::Kind::kLet);
+    }
+}
+
+// A browser that does not read keeps neither the run nor others from going on; when it reads again it gets what is, not all that was.
+TEST(LiveView, AClientThatStallsIsBroughtUpToDate) {
+    NEEDS_VIEW();
+    ViewedRun run;
+    RawClient stalled(run.port.number), lively(run.port.number);
+    ASSERT_TRUE(stalled.enter(run.port.token));
+    ASSERT_TRUE(lively.enter(run.port.token));
+    lively.say(R"({"do":"hold"})"), lively.say(R"({"do":"speed","value":100})"), lively.say(R"({"do":"play"})");
+    std::string message;
+    int frames = 0;
+    while (frames < 90 && lively.hear_bytes(1, message)) ++frames;  // three seconds of pictures
+    EXPECT_EQ(frames, 90);
+    lively.say(R"({"do":"pause"})");
+    ASSERT_TRUE(lively.hear_status([](const nlohmann::json& s) { return s["paused"].get<bool>(); }));
+    const uint64_t passes = run.frame.world().clock.pass;
+    double newest = -1;
+    int heard = 0;
+    const double goal = 1e-3 * static_cast<double>(run.frame.world().clock.tick);
+    ASSERT_TRUE(stalled.hear_status([&](const nlohmann::json& s) {
+        newest = s["time"].get<double>(), ++heard;
+        return newest >= goal - 1e-9;
+    }));
+    EXPECT_GT(passes, 90u);
+    EXPECT_LT(heard, 120) << "pictures, not passes";
+}
+
+// Frames for a browser that does not read are dropped beyond kMostWaiting: it gets a new start, and the server keeps no more.
+TEST(LiveView, AClientThatStallsMakesTheServerKeepLittle) {
+    NEEDS_VIEW();
+    constexpr size_t kBytes = 1 << 20, kFrames = 400;
+    ViewServer server(0, {"", ""}, {[](uint32_t, const std::string&) {}, [](uint32_t) {}});
+    RawClient stalled(server.port());
+    ASSERT_TRUE(stalled.enter(server.token()));
+    while (server.clients() == 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    size_t starts = 0, sent = 0;
+    const double before = resident_bytes();
+    double most = before;
+    while (sent < kFrames) {
+        if (!server.begin()) continue;
+        if (server.has_newcomers()) server.send_start({static_cast<uint8_t>(++starts)});
+        PlayerFrame frame;
+        frame.findings.assign(kBytes, static_cast<uint8_t>(++sent));
+        server.send_frame(std::move(frame), {});
+        server.end();
+        most = std::max(most, resident_bytes());
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+    EXPECT_GT(starts, 2u) << "it fell behind";
+    // the frames that wait, and as many that are being joined and written
+    EXPECT_LT(most - before, 3.0 * ViewServer::kMostWaiting * kBytes);
+    std::string message;
+    size_t heard = 0;
+    do {
+        ASSERT_TRUE(stalled.hear(message));
+        heard += message.size();
+    } while (!(message.size() == 2 && static_cast<uint8_t>(message[1]) == static_cast<uint8_t>(starts)));
+    EXPECT_LT(heard, kFrames * kBytes / 4);
 }
 
 TEST(LiveView, APortInUseIsAnError) {

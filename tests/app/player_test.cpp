@@ -35,6 +35,14 @@ struct Decoded {
         std::vector<Contact> contact;
         std::vector<std::array<Vec3d, 2>> link;
         uint64_t contacts_found = 0, cells = 0;
+        std::array<uint64_t, 5> inspected{};  // pairs of boxes, of triangles, near vertices, constraints, of them that push
+        std::vector<std::array<Vec3d, 2>> box;
+        struct Pair {
+            uint64_t a, b, triangles, vertices, contacts, constraints;
+            double depth, force;
+        };
+        std::vector<Pair> pair;
+        std::vector<std::array<uint64_t, 2>> island;  // bodies, constraints
         double stages_us = 0, cost_us = 0;
     };
     nlohmann::json header;
@@ -120,6 +128,22 @@ void decode_findings(Reading& r, const nlohmann::json& header, Decoded::Moment& 
     const uint64_t kept = r.number();
     for (int i = 0; i < 4; ++i) r.real();
     for (uint64_t i = 0; i < 3 * kept; ++i) r.number();
+    for (uint64_t& count : m.inspected) count = r.number();
+    const auto rows = [&] {
+        r.number();  // found
+        return r.number();
+    };
+    m.box.resize(rows()), m.pair.clear(), m.island.clear();
+    for (auto& box : m.box)
+        for (Vec3d& corner : box)
+            for (double& x : corner) x = r.real();
+    for (uint64_t pairs = rows(); pairs > 0; --pairs) {
+        Decoded::Moment::Pair p{};
+        for (uint64_t* value : {&p.a, &p.b, &p.triangles, &p.vertices, &p.contacts, &p.constraints}) *value = r.number();
+        p.depth = r.real(), p.force = r.real();
+        m.pair.push_back(p);
+    }
+    for (uint64_t islands = rows(); islands > 0; --islands) m.island.push_back({r.number(), 0}), m.island.back()[1] = r.number();
 }
 
 Decoded decode(const std::vector<uint8_t>& bytes) {
@@ -279,14 +303,36 @@ TEST(Player, ShowsContactsAndTheirForces) {
     pool.run([&] {
         Frame frame(quick_scene(), {});
         PlayerRecorder recorder(frame, true);
-        for (int i = 0; i < 30; ++i) frame.step(), recorder.after_pass(frame, frame.times().stage_ns);
         const World& w = frame.world();
+        for (int i = 0; i < 30 || (w.penetrations.depth.empty() && i < 100); ++i)
+            frame.step(), recorder.after_pass(frame, frame.times().stage_ns);
+        ASSERT_FALSE(w.penetrations.depth.empty());
         const Decoded d = decode(recorder.coded("balls", {}));
         const Decoded::Moment& m = d.moment.back();
         ASSERT_GT(m.contact.size(), 3u);
         EXPECT_EQ(m.contacts_found, w.contacts.body.size());
         EXPECT_EQ(m.cells, w.occupancy.cell_key.size());
         EXPECT_GT(m.stages_us, 0);
+        // stage by stage: what the world's own arrays hold
+        EXPECT_EQ(
+            m.inspected,
+            (std::array<uint64_t, 5>{
+                w.box_pairs.a.size(), w.candidates.triangle.size(), w.near.vertex.size(), w.contact_constraints.contact.size(),
+                static_cast<uint64_t>(std::ranges::count_if(w.contact_constraints.impulse, [](const Vec3d& p) { return p.norm() > 0; }))}));
+        ASSERT_EQ(m.pair.size(), w.pairs.a.size());
+        ASSERT_EQ(m.pair.size(), 1u) << "ball and probe";
+        EXPECT_EQ(m.pair[0].a, w.pairs.a[0]);
+        EXPECT_EQ(m.pair[0].b, w.pairs.b[0]);
+        EXPECT_EQ(m.pair[0].contacts, w.contacts.body.size());
+        EXPECT_EQ(m.pair[0].constraints, w.contact_constraints.contact.size());
+        EXPECT_GT(m.pair[0].triangles + m.pair[0].vertices, 0u);
+        EXPECT_NEAR(m.pair[0].depth, w.penetrations.depth.at(0), 1e-6 * w.penetrations.depth.at(0));
+        double forces = 0;
+        for (const Vec3d& impulse : w.contact_constraints.impulse) forces += impulse.norm() / (1e-3 * w.clock.period);
+        EXPECT_NEAR(m.pair[0].force, forces, 1e-5 * forces);
+        ASSERT_EQ(m.island.size(), w.islands.bodies.size());
+        EXPECT_EQ(m.island[0][1], w.contact_constraints.contact.size());
+        ASSERT_EQ(m.box.size(), w.bodies.mesh.size());
         double deepest = 0, pushed_most = 0;
         for (const Decoded::Moment& any : d.moment) {
             EXPECT_NEAR(any.stages_us, any.cost_us, 60) << "each stage is cut to whole microseconds";

@@ -1,7 +1,7 @@
 // What the checks of pages share: headless Chromium over the DevTools protocol on two pipes (no package is needed), a folder, a count
 // of failures, and what a page shows.
 const {spawn, spawnSync} = require('node:child_process');
-const {mkdtempSync, readdirSync, readFileSync, rmSync} = require('node:fs');
+const {mkdtempSync, readdirSync, readFileSync, rmSync, writeFileSync} = require('node:fs');
 const {tmpdir} = require('node:os');
 const {join} = require('node:path');
 
@@ -64,6 +64,10 @@ class Browser {
     async click(x, y) {
         await this.move(x, y);
         for (const type of ['mousePressed', 'mouseReleased']) await this.send('Input.dispatchMouseEvent', {type, x, y, button: 'left', clickCount: 1});
+    }
+    async picture(file) {
+        const {data} = await this.send('Page.captureScreenshot', {format: 'png'});
+        writeFileSync(file, Buffer.from(data, 'base64'));
     }
     async close() {
         const ended = new Promise(done => this.process.once('exit', done));

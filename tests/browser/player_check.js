@@ -54,12 +54,32 @@ async function checkPlots(browser) {
     expect(await browser.ask('trocarShown.at > 0'), 'a click on it goes there');
 }
 
+// The page of a capture: what each stage of a pass left, and lists that show what is clicked on.
+async function checkInspection(browser) {
+    expect(await browser.until(`typeof trocarShown === 'object'`), 'the player of a capture starts');
+    await browser.ask('trocarShown.stopAt(trocarShown.frames.findIndex(f => f.contacts.length > 0 && f.inspection.constraints > 0))');
+    const titles = await browser.ask(`[...document.querySelectorAll('#player h3')].map(h => h.textContent)`);
+    expect(['Stage by stage', 'Candidate pairs', 'Constraints that push most', 'Islands'].every(t => titles.includes(t)), `stages, pairs, constraints, islands: ${titles}`);
+    const row = name => browser.ask(`+[...document.querySelectorAll('#player tr')].find(r => r.cells[0].textContent === '${name}').cells[1].textContent`);
+    const found = await browser.ask('({...trocarShown.frames[trocarShown.at].inspection, contacts: trocarShown.frames[trocarShown.at].contactsFound})');
+    expect(await row('candidate pairs of bodies') === found.pairs.found && await row('constraints') === found.constraints && await row('contacts') === found.contacts, 'the numbers are those of the capture');
+    expect(found.pairs.rows.reduce((n, p) => n + p.contacts, 0) === found.contacts && found.pairs.rows.reduce((n, p) => n + p.constraints, 0) === found.constraints, 'contacts and constraints are those of the pairs');
+    const before = (await browser.ask(kPixels)).sum;
+    await browser.ask(`document.querySelectorAll('#player .choices')[0].rows[0].click()`);
+    expect(await browser.ask(`trocarShown.view.mark.geometry.attributes.position.count === trocarShown.frames[trocarShown.at].contacts.length && trocarShown.view.boxes.visible`), 'a click on a pair marks its contacts and boxes');
+    expect((await browser.ask(kPixels)).sum !== before, 'which can be seen');
+    await browser.ask(`document.querySelectorAll('#player .choices')[1].rows[0].click()`);
+    expect(await browser.ask(`document.querySelector('#player h3').textContent`) === 'Contact', 'one on a constraint tells of its contact');
+    await browser.ask(`document.querySelectorAll('#player .choices')[2].rows[0].click()`);
+    expect(/^Island \d+$/.test(await browser.ask(`document.querySelector('#player h3').textContent`)), 'one on an island tells its bodies');
+}
+
 async function main() {
     let page = givenPage;
     if (!page) {
         page = join(folder, 'run', 'report.html');
         execFileSync(program, ['run', 'probe_on_liver', '--seconds', '1.2', '--no-render', '--set', 'liver.triangles=1500', '--set', 'probe.triangles=300',
-            '--out', join(folder, 'run')], {stdio: 'ignore'});
+            '--capture', '60-66', '--out', join(folder, 'run')], {stdio: 'ignore'});
         if (!readFileSync(page, 'utf8').includes('id="player-recording"')) {
             console.log('skipped: the program was built without the player');
             return kSkipped;
@@ -71,6 +91,11 @@ async function main() {
         expect(await browser.until(`typeof trocarShown === 'object'`), 'the player starts');
         if (!givenPage) await checkPlaces(browser, join(folder, 'run')), await checkPlots(browser);
         await checkUse(browser);
+        if (!givenPage) {
+            execFileSync(program, ['capture', 'export', join(folder, 'run/captures/passes_60-66.cap'), '--html', join(folder, 'capture.html')], {stdio: 'ignore'});
+            await browser.open('file://' + join(folder, 'capture.html'));
+            await checkInspection(browser);
+        }
         const requests = browser.heard.filter(m => m.method === 'Network.requestWillBeSent').map(m => m.params.request.url).filter(url => !/^(file|data|blob):/.test(url));
         expect(requests.length === 0, `nothing is asked of a network ${requests.join(' ')}`);
         expect(browser.errors.length === 0, `nothing is wrong in the console ${browser.errors.map(e => JSON.stringify(e.params)).join('\n')}`);

@@ -1,8 +1,8 @@
-"""Runs what a Markdown page shows, in order, in an empty folder: usage: tutorial.py PAGE FOLDER
+"""Runs what a Markdown page shows, in order, in an empty folder: usage: tutorial.py PAGE FOLDER [LEAST]
 
 Files are the blocks whose first line is a comment with a name (`# ball.toml`); `console` blocks hold commands after `$ ` and
 what they print; `python` blocks are programs, and an `output` block after one is what it prints. `...` in what is printed stands
-for anything, on a line of its own for any number of lines."""
+for anything, on a line of its own for any number of lines. LEAST: number of commands and programs that the page has at least, 10."""
 
 import os
 import re
@@ -33,7 +33,7 @@ def run(what, command):
     return done.stdout
 
 
-def main(page, folder):
+def main(page, folder, least=10):
     shutil.rmtree(folder, ignore_errors=True)
     os.makedirs(folder)
     parts = blocks(open(page, encoding="utf-8").read())
@@ -56,9 +56,9 @@ def main(page, folder):
                 sys.exit(f"a block of kind {kind} without a name: {text[:40]}")
             # the comment stays where the format knows it
             open(name[1], "w", encoding="utf-8").write(text if kind == "toml" else text[name.end():])
-    if ran < 10:
+    if ran < least:
         sys.exit(f"only {ran} commands: nothing was tested")
     print(f"{page}: {ran} commands do what it says")
 
 
-main(os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2]))
+main(os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2]), *map(int, sys.argv[3:]))

@@ -24,6 +24,7 @@ Vec4d place_at_velocity(const Particles& particles, const AdvanceBody& b, uint32
 // Far end of a link at the start (0) or the end (1) of the substep.
 Vec4d far_place(const AdvanceIsland& island, const AdvanceLink& link, int end) {
     if (link.rigid != kNone) return island.rigid[link.rigid].pose[end](link.point);
+    if (link.far_body == kNone) return link.point;  // of the world
     const AdvanceBody& b = island.body[link.far_body];
     return position_of(b, end == 0 ? b.now : b.next, link.far_node);
 }
@@ -40,6 +41,7 @@ Vec4d place_at_kick(const AdvanceCall& call, const Particles& particles, const A
 }
 Vec4d far_place_at_kick(const AdvanceCall& call, const AdvanceIsland& island, const Particles& particles, const AdvanceLink& link,
                         bool at_midpoint) {
+    if (link.rigid == kNone && link.far_body == kNone) return link.point;
     if (link.rigid == kNone) return place_at_kick(call, particles, island.body[link.far_body], link.far_node);
     const AdvanceRigid& rigid = island.rigid[link.rigid];
     const Vec4d position = rigid.pose[0](link.point);
@@ -110,7 +112,9 @@ void gather_links(const AdvanceCall& call, AdvanceIsland& island, const AdvanceS
         AdvanceLink link;
         link.group = g;
         link.body = island.slot_of_body[group.body];
-        if (is_deformable(bodies, group.holder)) {
+        if (group.holder == kNone) {
+            // the world: its points stand still during a pass
+        } else if (is_deformable(bodies, group.holder)) {
             link.far_body = island.slot_of_body[group.holder];
             island.body[link.far_body].linked = true;
         } else {
@@ -128,7 +132,7 @@ void gather_links(const AdvanceCall& call, AdvanceIsland& island, const AdvanceS
             link.rest = static_cast<double>(links->rest[index]);
             link.gauge = link.rest > 0 ? link.rest : group.gauge;
             if (is_lost(call, island, link.body, link.node) ||
-                (link.rigid == kNone && is_lost(call, island, link.far_body, link.far_node))) {
+                (link.far_body != kNone && is_lost(call, island, link.far_body, link.far_node))) {
                 break_link(call, link, result);
                 continue;
             }
@@ -201,6 +205,8 @@ void finish_links(const AdvanceCall& call, const Particles& particles, AdvanceIs
                 result.work_hand += dot(link.force, link.known ? far - link.far : to - from);
             link.far = far;
             link.known = true;
+        } else if (link.far_body == kNone) {
+            far = link.point;
         } else {
             far = place_at_velocity(particles, island.body[link.far_body], link.far_node);
         }

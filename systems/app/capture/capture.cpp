@@ -20,10 +20,11 @@ void ask(int) { asked_by_signal = 1; }
 [[noreturn]] void refuse_trigger(const std::string& word) {
     std::string counters;
     each_number(Report{}, kTrigger, [&](const ReportNumber& n, auto) { counters += std::string(counters.empty() ? "" : ", ") + n.name; });
-    throw InputError("--capture " + word +
-                     ": write 5-25 (contact passes), worst, over=33 (ms), nan, usr1 or counter=NAME, joined by commas (ranges and counters "
-                     "more than once); counters: " +
-                     counters);
+    throw InputError(
+        "--capture " + word +
+        ": write 5-25 (contact passes), worst, over=33 (ms), nan, usr1, view or counter=NAME, joined by commas (ranges and counters "
+        "more than once); counters: " +
+        counters);
 }
 
 void parse_trigger(const std::string& word, CaptureTriggers& triggers) {
@@ -34,6 +35,8 @@ void parse_trigger(const std::string& word, CaptureTriggers& triggers) {
         triggers.lost = true;
     } else if (word == "usr1") {
         triggers.signal = true;
+    } else if (word == "view") {
+        triggers.viewer = true;
     } else if (word.starts_with("over=")) {
         if (triggers.over_ms > 0) throw InputError("--capture " + word + ": over= is given twice");
         triggers.over_ms = std::strtod(word.c_str() + 5, &end);
@@ -159,7 +162,8 @@ void FrameRecorder::before_pass() {
         input_before_ = std::exchange(input_, std::move(tools.arrays));
     }
     const bool begins = std::any_of(triggers_.ranges.begin(), triggers_.ranges.end(), [&](const auto& range) { return range[0] == pass; });
-    if (!kept_.empty() && !begins && pass % kStatePeriod != 0) return;
+    if (!kept_.empty() && !begins && pass % kStatePeriod != 0 && !state_due_) return;
+    state_due_ = false;
     std::shared_ptr<Stretch> stretch = free_stretch();
     save_state(frame_.world(), stretch->state);
     for (CaptureArray a : input_before_) {
@@ -258,6 +262,12 @@ void FrameRecorder::keep_over(const CaptureStep& step) {
 void FrameRecorder::forget() {
     kept_.clear();
     report_ = frame_.world().report;
+}
+
+void FrameRecorder::constants_changed() {
+    forget();
+    scene_.arrays.clear();
+    save_resources(frame_.world(), ResourceKind::kConstant, scene_);
 }
 
 void FrameRecorder::write_now(const std::string& reason) {

@@ -128,14 +128,18 @@ void add_run(CLI::App& app, int& code) {
         ->expected(0, 1)
         ->default_str("0")
         ->check(CLI::Range(0, 65535));
+    run->add_option("--keep-passes", o->keep_passes,
+                    "Results (figures, pictures, exercise, live.recording) cover the first N contact passes; 0 = all (default: all; of a "
+                    "view without --seconds 72000: what is kept must not grow for ever)")
+        ->check(CLI::Range(int64_t{0}, int64_t{1'000'000'000}));
     run->add_option("--replay", o->replay,
-                    "Repeat a live run in lockstep from its live.recording, with the same scene and --set; exit code 1 "
+                    "Repeat a live run in lockstep from its live.recording (of a run with --view: with what viewers did), with the same scene and --set; exit code 1 "
                     "unless the result is bit-identical")
         ->excludes(live)
         ->excludes(seconds);
     run->add_option("--capture", o->capture,
                     "Write captures/*.cap into the folder for: 5-25 (contact passes), worst, over=33 (ms), nan, counter=NAME, "
-                    "usr1; several joined by commas. worst and over ignore the first eight passes, over keeps the worst ten, nan the first "
+                    "usr1, view (a button of the live view); several joined by commas. worst and over ignore the first eight passes, over keeps the worst ten, nan the first "
                     "ten; read "
                     "them with `trocar capture` and `trocar replay`")
         ->check(CLI::Validator([](const std::string& text) { return std::string(text.empty() ? "it is empty" : ""); }, "TRIGGERS"));

@@ -221,9 +221,10 @@ void put_links(std::vector<uint8_t>& out, const World& w, const Vec3d& origin) {
         if (g.body == kNone) continue;
         for (uint32_t i = g.links.first; i < g.links.end() && ends.size() < PlayerCoder::kMostLinks; ++i) {
             if (!w.links.whole[i]) continue;
-            ends.push_back({node_position(w, g.body, w.links.node[i]), w.links.far_node[i] != kNone
-                                                                           ? node_position(w, g.holder, w.links.far_node[i])
-                                                                           : frame_to_world(surfaces_of(w), g.holder, w.links.point[i])});
+            const Vec3d far = w.links.far_node[i] != kNone ? node_position(w, g.holder, w.links.far_node[i])
+                              : g.holder == kNone          ? w.links.point[i]
+                                                           : frame_to_world(surfaces_of(w), g.holder, w.links.point[i]);
+            ends.push_back({node_position(w, g.body, w.links.node[i]), far});
         }
     }
     put_number(out, ends.size());
@@ -245,11 +246,49 @@ void put_cells(std::vector<uint8_t>& out, const Occupancy& cells, const Vec3d& o
         for (int k = 0; k < 3; ++k) put_number(out, cells.cell_key[i] >> (42 - 21 * k) & 0x1fffff);
 }
 
+// What the stages of a pass left for each other: how many of what, boxes of bodies, candidate pairs, islands.
+void put_inspection(std::vector<uint8_t>& out, const World& w, const Vec3d& origin) {
+    constexpr size_t kMostRows = PlayerCoder::kMostInspected;
+    const auto rows = [&](size_t count) {
+        put_number(out, count), put_number(out, std::min(count, kMostRows));
+        return std::min(count, kMostRows);
+    };
+    const ContactConstraints& c = w.contact_constraints;
+    const auto pushes = [](const Vec3d& impulse) { return impulse != Vec3d::Zero(); };
+    const size_t loaded = static_cast<size_t>(std::ranges::count_if(c.impulse, pushes));
+    for (const size_t count : {w.box_pairs.a.size(), w.candidates.triangle.size(), w.near.vertex.size(), c.contact.size(), loaded})
+        put_number(out, count);
+    const size_t boxes = rows(w.boxes.box.size());
+    for (size_t b = 0; b < boxes; ++b) put_vector(out, w.boxes.box[b].min - origin), put_vector(out, w.boxes.box[b].max - origin);
+    struct Found {
+        uint64_t contacts = 0, constraints = 0;
+        double depth = 0, force = 0;  // m, N
+    };
+    const size_t pairs = rows(w.pairs.a.size());
+    std::vector<Found> found(w.pairs.a.size());
+    for (const uint32_t pair : w.contacts.pair) ++found[pair].contacts;
+    for (size_t i = 0; i < w.penetrations.pair.size(); ++i) found[w.penetrations.pair[i]].depth = std::max(0.0, w.penetrations.depth[i]);
+    for (size_t i = 0; i < c.contact.size(); ++i) {
+        if (c.contact[i] >= w.contacts.pair.size()) continue;  // of a surface with itself
+        Found& f = found[w.contacts.pair[c.contact[i]]];
+        ++f.constraints, f.force += c.impulse[i].norm() / (1e-3 * w.clock.period);
+    }
+    for (size_t p = 0; p < pairs; ++p) {
+        put_number(out, w.pairs.a[p]), put_number(out, w.pairs.b[p]);
+        put_number(out, p < w.candidates.pair.size() ? w.candidates.pair[p].count : 0);
+        put_number(out, 2 * p + 1 < w.near.side.size() ? uint64_t{w.near.side[2 * p].count} + w.near.side[2 * p + 1].count : 0);
+        put_number(out, found[p].contacts), put_number(out, found[p].constraints);
+        put_float(out, found[p].depth), put_float(out, found[p].force);
+    }
+    const size_t islands = rows(w.islands.bodies.size());
+    for (size_t i = 0; i < islands; ++i) put_number(out, w.islands.bodies[i].count), put_number(out, w.islands.constraints[i].count);
+}
+
 }  // namespace
 
 PlayerCoder::PlayerCoder(const Frame& frame, bool with_cells)
     : with_cells_(with_cells),
-      has_links_(!frame.world().links.group.empty()),
+      has_links_(frame.world().links.group.capacity() > 0),
       stages_(frame.stage_names()),
       tools_(frame.world().haptics.tool),
       order_(frame.world().tears.order),
@@ -303,7 +342,7 @@ PlayerFrame PlayerCoder::next(const Frame& frame, std::span<const uint64_t> stag
     put_contacts(out.findings, w, origin_, limits_);
     put_tools(out.findings, w.haptics, origin_, limits_);
     put_links(out.findings, w, origin_);
-    if (with_cells_) put_cells(out.findings, w.occupancy, origin_);
+    if (with_cells_) put_cells(out.findings, w.occupancy, origin_), put_inspection(out.findings, w, origin_);
     newest_ = {out.time, out.cost_us, out.pass, {}, {}, out.findings};
     return out;
 }
@@ -397,6 +436,11 @@ std::vector<uint8_t> PlayerCoder::start(const std::string& scene, const Camera& 
                         {"distance", camera.distance},
                         {"position", list(camera.position - origin_)},
                         {"field_of_view", camera.field_of_view}};
+    if (camera.kind == CameraKind::kLaparoscope && camera.body != kNone)
+        header["camera"]["held"] = {
+            {"body", camera.body},   {"position", list(camera.position)}, {"shaft", list(camera.shaft)}, {"mark", list(camera.mark)},
+            {"optic", camera.optic}, {"optic_roll", camera.optic_roll},   {"roll", camera.roll},         {"level", camera.level},
+            {"light", camera.light}};
     for (int i = 0; i < 32; ++i) {
         const auto c = depth_colour(i / 31.0);
         header["depth_colours"].push_back({c[0], c[1], c[2]});

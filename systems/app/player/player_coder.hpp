@@ -35,6 +35,7 @@ enum class PlayerState : uint32_t { kAway, kAwake, kAsleep, kInIsland };
 class PlayerCoder {
  public:
     static constexpr size_t kMostContacts = 1000, kMostLinks = 1000, kMostCells = 4000;  // per frame: the deepest, the first
+    static constexpr size_t kMostInspected = 1000;  // bodies' boxes, candidate pairs, islands: the first of each
     // Every vertex is shown to this part of its body's radius: soft bodies are stored in steps of twice that, rigid ones, whose
     // place, turn and shape are rounded, in steps of half of it.
     static constexpr double kError = 1.0 / (1 << 15);
@@ -73,12 +74,12 @@ class PlayerCoder {
     std::vector<Body> bodies_;
     std::vector<uint32_t> coordinates_;
     std::vector<HandTool> tools_;
-    std::vector<int32_t> last_;    // coordinates of all bodies in the newest frame
-    std::vector<uint32_t> state_;  // of all bodies in the newest frame
-    std::vector<uint32_t> order_;  // of torn triangles, as in Tears
-    std::vector<std::array<uint32_t, 2>> cut_;  // as CutSurfaces::count, of the newest frame
+    std::vector<int32_t> last_;                     // coordinates of all bodies in the newest frame
+    std::vector<uint32_t> state_;                   // of all bodies in the newest frame
+    std::vector<uint32_t> order_;                   // of torn triangles, as in Tears
+    std::vector<std::array<uint32_t, 2>> cut_;      // as CutSurfaces::count, of the newest frame
     std::vector<std::array<uint32_t, 4>> lattice_;  // as CutLattices::count, likewise
-    PlayerFrame newest_;           // time, pass, cost and findings of the newest frame
+    PlayerFrame newest_;                            // time, pass, cost and findings of the newest frame
     size_t mesh_count_ = 0;
     std::vector<uint8_t> meshes_;  // coded: shapes, triangles, colours
 };

@@ -168,7 +168,8 @@ namespace {
 nlohmann::ordered_json actions_json(const ActionFigures& a) {
     nlohmann::ordered_json j;
     if (a.staples) j = {{"staples", a.set}, {"misfires", a.misfires}, {"pulled_out", a.pulled_out}, {"max_pull_n", a.pull}};
-    if (a.cuts) j["cuts"] = a.cut, j["cut_area_m2"] = a.area, j["cut_work_j"] = a.work, j["cut_owed_j"] = a.owed, j["cuts_refused"] = a.refused;
+    if (a.cuts)
+        j["cuts"] = a.cut, j["cut_area_m2"] = a.area, j["cut_work_j"] = a.work, j["cut_owed_j"] = a.owed, j["cuts_refused"] = a.refused;
     if (a.grasps) j["grasps"] = a.grasped, j["empty_grasps"] = a.nothing_grasped, j["slips"] = a.slipped, j["max_grip_n"] = a.grip;
     if (a.cautery) j["burns"] = a.burns, j["heat_j"] = a.heat, j["burnt_m2"] = a.burnt, j["hottest_c"] = a.hottest;
     return j;
@@ -224,6 +225,7 @@ std::string metrics_json(const RunFigures& f) {
     j["state_hash"] = hex(f.state_hash);
     j["frames"] = f.frames;
     j["simulated_s"] = f.simulated_s;
+    if (f.kept_s > 0) j["kept_s"] = f.kept_s;
     j["build_s"] = f.build_s;
     j["wall_s"] = f.wall_s;
     j["bodies"] = f.bodies;

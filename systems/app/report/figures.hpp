@@ -29,6 +29,7 @@ struct PassFigures {
     Energy energy;                   // most recent values
     double residual = 0;             // m, deepest overlap at the end of the pass
     uint32_t awake = 0;              // movable bodies that were not asleep
+    double resident = 0;             // bytes, resident memory at the end of the pass; 0 = not looked at
     bool picture = false;            // a displayed frame ends with this pass
     std::vector<double> coordinate;  // m or rad, coordinate of every one-coordinate body at the end of the pass
     bool contact() const { return pairs > 0; }
@@ -63,7 +64,7 @@ struct ActionFigures {
     uint64_t grasped = 0, nothing_grasped = 0, slipped = 0;  // grasps; that found nothing; that slipped out
     double grip = 0;                                         // N, largest force of one grasp, mean over a pass
     uint64_t burns = 0;                                      // strokes that heated
-    double owed = 0;                                          // J, of the work of cuts, that no motion has given yet
+    double owed = 0;                                         // J, of the work of cuts, that no motion has given yet
     double heat = 0, burnt = 0;                              // J, that they gave; m^2, of surface that coagulated
     double hottest = 0;                                      // degrees Celsius, now
 };
@@ -115,6 +116,7 @@ struct RunFigures {
     uint64_t state_hash = 0;
     uint64_t frames = 0;  // pictures at display rate, drawn or not
     double simulated_s = 0;
+    double kept_s = 0;          // s, what follows per pass ends there although the run went on; 0 = it covers the whole run
     uint32_t contact_rate = 0;  // Hz
     double build_s = 0;         // reading and building the scene and its frame
     double wall_s = 0;          // s, passes and the work between them
@@ -139,7 +141,7 @@ struct RunFigures {
     std::vector<LinkFigures> link;
     ActionFigures actions;
     FluidFigures fluid;
-    bool any_lens = false;  // a laparoscope that fogs; at the end:
+    bool any_lens = false;                       // a laparoscope that fogs; at the end:
     double lens_film = 0, lens_temperature = 0;  // m, C
     uint64_t lens_wipes = 0;
     std::vector<ToolFigures> tool;

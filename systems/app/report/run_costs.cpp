@@ -247,8 +247,54 @@ std::string cost_sections(const RunFigures& f, const ReportMedia& media) {
            worst_section(f, media) + pair_section(f);
 }
 
-void write_trace(const std::filesystem::path& file, const Trace& trace, const std::vector<std::string>& thread_names) {
-    write_whole_file(file, trace.to_json(thread_names));
+std::string pass_events(const Trace& trace, const RunFigures& figures) {
+    struct Times {
+        uint64_t begin = UINT64_MAX, end = 0;  // ns
+    };
+    std::map<uint32_t, Times> passes;
+    uint64_t first = UINT64_MAX;
+    for (size_t i = 0; i < trace.size(); ++i) {
+        const TraceEvent& e = trace[i];
+        first = std::min(first, e.begin_ns);
+        if (e.thread == kPairTrack) continue;  // shares, made after the pass
+        Times& t = passes[e.pass];
+        t.begin = std::min(t.begin, e.begin_ns), t.end = std::max(t.end, e.begin_ns + e.duration_ns);
+    }
+    if (passes.empty()) return "";
+    std::string out = format(",\n{\"name\":\"thread_name\",\"ph\":\"M\",\"pid\":1,\"tid\":%u,\"args\":{\"name\":\"passes\"}}", kPassTrack);
+    const auto us = [&](uint64_t ns) { return 1e-3 * static_cast<double>(ns - first); };
+    uint64_t before = 0;  // ns, end of the pass before
+    for (const auto& [pass, t] : passes) {
+        if (pass >= figures.pass.size()) break;
+        const PassFigures& p = figures.pass[pass];
+        out += format(
+            ",\n{\"name\":\"pass\",\"ph\":\"X\",\"pid\":1,\"tid\":%u,\"ts\":%.3f,\"dur\":%.3f,\"args\":{\"pass\":%u,\"time_s\":%.4f,"
+            "\"pairs\":%u,"
+            "\"inside_vertices\":%u,\"awake\":%u}}",
+            kPassTrack, us(t.begin), us(t.end) - us(t.begin), pass, p.time, p.pairs, p.inside_vertices, p.awake);
+        const std::pair<const char*, double> counters[] = {
+            {"contacts", p.contacts}, {"depth_mm", 1e3 * p.depth}, {"force_n", p.force}, {"resident_mib", p.resident / (1024 * 1024)}};
+        for (const auto& [name, value] : counters) {
+            if (p.resident == 0 && value == 0 && std::string_view(name) == "resident_mib") continue;  // live runs do not look
+            out += format(",\n{\"name\":\"%s\",\"ph\":\"C\",\"pid\":1,\"ts\":%.3f,\"args\":{\"%s\":%.6g}}", name, us(t.begin), name, value);
+        }
+        // an arrow from each pass to the next, whose state it made
+        if (before > 0)
+            out += format(
+                ",\n{\"name\":\"state\",\"cat\":\"state\",\"ph\":\"s\",\"id\":%u,\"pid\":1,\"tid\":%u,\"ts\":%.3f},\n{\"name\":\"state\","
+                "\"cat\":"
+                "\"state\",\"ph\":\"f\",\"bp\":\"e\",\"id\":%u,\"pid\":1,\"tid\":%u,\"ts\":%.3f}",
+                pass, kPassTrack, us(before) - 0.001, pass, kPassTrack, us(t.begin));
+        before = t.end;
+    }
+    return out;
+}
+
+void write_trace(const std::filesystem::path& file, const Trace& trace, const std::vector<std::string>& thread_names,
+                 const RunFigures* figures) {
+    std::string text = trace.to_json(thread_names);
+    if (figures) text.insert(text.rfind("\n]"), pass_events(trace, *figures));
+    write_whole_file(file, text);
     if (trace.dropped() > 0)
         std::fprintf(stderr, "trocar: note: %s holds the first %zu of %zu spans\n", file.c_str(), trace.size(),
                      trace.size() + trace.dropped());

@@ -29,7 +29,7 @@ std::vector<PairCost> pair_costs(const World& w);
 
 // Writes spans for the pairs of the last pass under its detection, one after the other, as thread kPairTrack;
 // pairs below 20 us are left out. `names` owns the strings that the trace refers to.
-inline constexpr uint32_t kPairTrack = 1000;
+inline constexpr uint32_t kPairTrack = 1000, kPassTrack = 1001;
 void trace_pairs(const Frame& frame, std::map<uint64_t, std::string_view>& names, Trace& trace);
 
 // Indices into figures.pass, slowest first; skips the first `skip` passes (cold memory and caches).
@@ -42,7 +42,11 @@ size_t picture_of_pass(const RunFigures& figures, size_t pass);
 // bar per pair. media.worst holds the pictures of worst_passes in the same order.
 std::string cost_sections(const RunFigures& figures, const ReportMedia& media);
 
-// Writes a trace; prints on standard error how much of it did not fit.
-void write_trace(const std::filesystem::path& file, const Trace& trace, const std::vector<std::string>& thread_names);
+// Writes a trace; with figures also counters over time (contacts, depth, force on the hand, resident memory grown) and a track of passes,
+// each with its number and figures as arguments. Prints on standard error how much of it did not fit.
+void write_trace(const std::filesystem::path& file, const Trace& trace, const std::vector<std::string>& thread_names,
+                 const RunFigures* figures = nullptr);
+// The events that `figures` add, each after a comma.
+std::string pass_events(const Trace& trace, const RunFigures& figures);
 
 }  // namespace trocar

@@ -15,7 +15,7 @@ struct LiveReplay::Tool {
 
 LiveReplay::LiveReplay(const HapticParams& params, const LiveRecording& recording, const std::string& file, Frame& frame)
     : params_(params), recording_(recording), file_(file), frame_(frame), tools_(recording.tools) {
-    if (recording.start_hash != scene_hash(frame.world()) || recording.tools != frame.world().haptics.tool.size())
+    if (recording.start_hash != scene_hash(frame.world()) || (!recording.lockstep && recording.tools != frame.world().haptics.tool.size()))
         throw InputError(file + ": was recorded with another scene, other settings (--set) or another version of the program");
     const std::vector<uint8_t>& laid_down = frame.world().node_state.laid_down;
     for (uint32_t t = 0; t < tools_.size(); ++t) {
@@ -23,7 +23,7 @@ LiveReplay::LiveReplay(const HapticParams& params, const LiveRecording& recordin
         none.in_hand = laid_down.empty() || !laid_down[t];
     }
     for (uint32_t row = 0; row < recording.tick.size(); ++row) tools_[recording.tick[row].tool].tick.push_back(row);
-    first_device_states(frame.world());
+    if (!recording.lockstep) first_device_states(frame.world());
     frame.set_contact_hook({[](void* user, World&) { static_cast<LiveReplay*>(user)->keep_models(); }, this});
 }
 
@@ -31,7 +31,7 @@ LiveReplay::~LiveReplay() { frame_.set_contact_hook({}); }
 
 uint64_t LiveReplay::end_tick() const { return pass_tick(recording_.slip.size(), frame_.world().clock.contact_rate); }
 
-void LiveReplay::begin_pass() {
+void LiveReplay::begin_pass(RunWatch* watch) {
     Haptics& haptics = frame_.world().haptics;
     for (uint32_t t = 0; t < tools_.size(); ++t) {
         const uint64_t taken = recording_.taken[pass_ * tools_.size() + t];
@@ -40,6 +40,9 @@ void LiveReplay::begin_pass() {
         take_tool_state(tools_[t].state, haptics.state[t]);
         sum_tool_counters(haptics);
     }
+    for (; next_command_ < recording_.command.size() && recording_.command[next_command_].pass <= pass_; ++next_command_)
+        actions_.obey(recording_.command[next_command_], frame_, watch);
+    actions_.before_pass(frame_);
     ++pass_;
 }
 

@@ -15,6 +15,7 @@
 #include "engine/jobs/real_time.hpp"
 #include "engine/jobs/thread_pool.hpp"
 #include "systems/app/console/commands.hpp"
+#include "systems/app/console/format.hpp"
 #include "systems/app/console/stop_signal.hpp"
 #include "systems/haptics/live_haptics.hpp"
 #include "systems/haptics/manipulator.hpp"
@@ -117,7 +118,9 @@ std::vector<double> samples(const TimeHistogram& histogram, double unit_ns) {
 // once per pass. Does nothing without a recording.
 class TickCollector {
  public:
-    explicit TickCollector(LiveRecording* recording) : recording_(recording), ring_(recording ? kRoom : 1) {}
+    // `most_passes`: the recording ends after as many; 0 = it covers all.
+    TickCollector(LiveRecording* recording, uint64_t most_passes)
+        : recording_(recording), most_passes_(most_passes), ring_(recording ? kRoom : 1) {}
     LiveRecorder recorder() {
         if (!recording_) return {};
         return {[](void* ring, const LiveTick& tick) { static_cast<Ring<LiveTick>*>(ring)->push(tick); }, &ring_};
@@ -127,28 +130,43 @@ class TickCollector {
         recording_->start_hash = scene_hash(world);
         recording_->tools = static_cast<uint32_t>(world.haptics.tool.size());
         // growing would copy megabytes between two passes; reserved pages that are never written cost nothing
-        recording_->tick.reserve(static_cast<size_t>(std::min(seconds, kRoomSeconds) * 1100) * recording_->tools);
+        const double covered = most_passes_ > 0 ? static_cast<double>(most_passes_) / world.clock.contact_rate : seconds;
+        recording_->tick.reserve(static_cast<size_t>(std::min({seconds, covered, kRoomSeconds}) * 1100) * recording_->tools);
     }
     void add_pass(const World& world, double slip) {
         if (!recording_) return;
+        if (ended_) {
+            for (LiveTick tick; ring_.pop(tick);) {
+            }
+            return;
+        }
         recording_->slip.push_back(slip);
         for (const ToolState& tool : world.haptics.state) recording_->taken.push_back(tool.ticks);
         empty_ring();
     }
-    bool finish(const World& world) {
-        if (!recording_) return true;
-        empty_ring();
-        recording_->state_hash = state_hash(world);
-        return ring_.lost() == 0;
+    void after_pass(const World& world) {
+        if (recording_ && !ended_ && world.clock.pass == most_passes_) end(world);
     }
+    bool finish(const World& world) {
+        if (recording_ && !ended_) end(world);
+        return complete_;
+    }
+    LiveRecording* open_recording() { return ended_ ? nullptr : recording_; }
 
  private:
     static constexpr double kRoomSeconds = 3600;
     static constexpr size_t kRoom = 1u << 15;  // ticks; the simulation thread may be delayed by as many ms
+    void end(const World& world) {
+        empty_ring();
+        recording_->state_hash = state_hash(world);
+        ended_ = true, complete_ = ring_.lost() == 0;
+    }
     void empty_ring() {
         for (LiveTick tick; ring_.pop(tick);) recording_->tick.push_back(tick);
     }
     LiveRecording* recording_;
+    uint64_t most_passes_;
+    bool ended_ = false, complete_ = true;
     Ring<LiveTick> ring_;
 };
 
@@ -204,12 +222,45 @@ void first_device_states(World& world) {
     }
 }
 
+void heed_viewers(const RunParts& run, LiveRecording* recording) {
+    if (!run.view || !run.actions) return;
+    const World& w = run.frame.world();
+    for (ViewCommand& command : run.view->take_commands()) {
+        command.pass = w.clock.pass;
+        try {
+            run.actions->obey(command, run.frame, run.watch);
+        } catch (const InputError& error) {
+            run.view->tell(error.what());
+            continue;
+        }
+        const bool sets = command.kind == ViewCommand::Kind::kSet;
+        if (sets) run.view->tell(command.key + " = " + command.value + format(" from %.3f s on", 1e-3 * static_cast<double>(w.clock.tick)));
+        if (run.recorder) sets || command.kind == ViewCommand::Kind::kGrab ? run.recorder->constants_changed() : run.recorder->changed();
+        if (recording) recording->command.push_back(std::move(command));
+    }
+    run.actions->before_pass(run.frame);
+    if (run.recorder && run.actions->holds()) run.recorder->changed();
+    if (!run.view->take_capture() || !run.recorder) return;
+    const size_t before = run.recorder->files().size();
+    run.recorder->write_now("view");
+    run.view->tell(run.recorder->files().size() > before ? "captured: captures/" + run.recorder->files().back() : "no pass to capture yet");
+}
+
+void note_end_of_results(const RunParts& run) {
+    if (run.figures.kept_s > 0) return;
+    run.figures.kept_s =
+        run.figures.pass.empty() ? 0 : 1e-3 * static_cast<double>(run.frame.world().clock.tick - run.frame.world().clock.period);
+    std::fprintf(stderr, "trocar: note: results cover the first %llu passes, %.1f s; the run goes on (--keep-passes)\n",
+                 static_cast<unsigned long long>(run.most_passes), run.figures.kept_s);
+}
+
 int64_t time_let_go(int64_t behind, int64_t period) { return behind > period ? behind : 0; }
 
 bool run_live(const RunParts& run, LiveRecording* recording) {
-    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player, exercise, view] = run;
+    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player, exercise, view, actions, most_passes] = run;
     World& world = frame.world();
-    TickCollector collector(recording);
+    TickCollector collector(recording, most_passes);
+    if (recording) recording->viewed = actions != nullptr;
     collector.begin(world, seconds);
     first_device_states(world);
     const std::vector<std::unique_ptr<DeviceLink>> links = open_links(options.devices, world, view);
@@ -254,17 +305,23 @@ bool run_live(const RunParts& run, LiveRecording* recording) {
         sleep_until_ns(due);
         haptics.take_states(world.haptics);
         collector.add_pass(world, static_cast<double>(slip) * 1e-9);
+        heed_viewers(run, collector.open_recording());
         if (recorder) recorder->before_pass();
         const double time = static_cast<double>(world.clock.tick) * 1e-3;
         const int64_t pass_start = monotonic_ns();
         frame.step();
         if (watch) watch->after_pass(frame);
+        collector.after_pass(world);
         PassFigures pass = pass_figures(frame, time);
-        if (frame.times().picture && drawing) drawing->publish(world.picture), ++published;
+        if (frame.times().picture && drawing && run.keeps()) drawing->publish(world.picture), ++published;
         pass.frame_ms = static_cast<double>(monotonic_ns() - pass_start) * 1e-6;
         if (recorder) recorder->after_pass(pass);
         if (player) player->after_pass(frame, frame.times().stage_ns);
         if (view) view->after_pass(frame, frame.times().stage_ns);
+        if (!run.keeps()) {
+            note_end_of_results(run);
+            continue;
+        }
         add_stage_times(frame, figures);
         figures.pass.push_back(pass);
         record_tools(frame, figures.tool_sample);

@@ -6,6 +6,7 @@
 #include "systems/app/report/figures.hpp"
 #include "systems/app/run/live_recording.hpp"
 #include "systems/app/run/run_watch.hpp"
+#include "systems/app/run/viewer_actions.hpp"
 #include "systems/app/station/exercise.hpp"
 #include "systems/app/view/live_view.hpp"
 #include "systems/frame/frame.hpp"
@@ -36,7 +37,16 @@ struct RunParts {
     PlayerRecorder* player = nullptr;      // may be null
     ExerciseRecorder* exercise = nullptr;  // may be null
     LiveView* view = nullptr;              // may be null
+    ViewerActions* actions = nullptr;      // with a view
+    uint64_t most_passes = 0;              // that results cover; 0 = all
+    // Whether results cover the pass that was just made.
+    bool keeps() const { return most_passes == 0 || frame.world().clock.pass <= most_passes; }
 };
+
+// Between two passes: does what viewers asked for, tells them what came of it, and keeps it in `recording`, which may be null.
+void heed_viewers(const RunParts& run, LiveRecording* recording);
+// After a pass that results do not cover: says so, once.
+void note_end_of_results(const RunParts& run);
 
 // Runs a frame against the real clock: this thread simulates, haptics tick at 1 kHz on their own thread, and a
 // thread of low priority draws pictures, dropping those it has no time for. A late pass starts at once and is

@@ -173,7 +173,8 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
     figures.actions = action_figures(w);
     figures.fluid = fluid_figures(w);
     for (const Lens& lens : w.lenses.lens)
-        figures.any_lens = true, figures.lens_film = lens.film, figures.lens_temperature = lens.temperature, figures.lens_wipes = lens.wipes;
+        figures.any_lens = true, figures.lens_film = lens.film, figures.lens_temperature = lens.temperature,
+        figures.lens_wipes = lens.wipes;
     if (!figures.live) {
         figures.ticks = w.haptics.ticks;
         figures.max_force = w.haptics.max_force;
@@ -204,8 +205,10 @@ void print_warnings(const std::vector<std::string>& warnings) {
 }
 
 // Runs as fast as possible in one deterministic order, freely or following a recorded live run.
-void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
-    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player, exercise, view] = run;
+// `recording`: what viewers do, or null.
+void run_lockstep(const RunParts& run, LiveReplay* replay, LiveRecording* recording, Trace* trace) {
+    const auto& [options, seconds, frame, pictures, recorder, figures, watch, player, exercise, view, actions, most_passes] = run;
+    const auto is_recorded = [&] { return recording && (most_passes == 0 || recording->slip.size() < most_passes); };
     std::map<uint64_t, std::string_view> names;
     CostMeter costs;
     Progress progress(figures.scene);
@@ -214,7 +217,8 @@ void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
     while (static_cast<double>(frame.world().clock.tick) < end_tick && stop_signal() == 0) {
         if (view && !view->wait_for_turn(frame)) break;
         const double time = static_cast<double>(frame.world().clock.tick) * 1e-3;
-        if (replay) replay->begin_pass();
+        if (replay) replay->begin_pass(watch);
+        heed_viewers(run, is_recorded() ? recording : nullptr);
         const uint64_t keep_start = now_ns();
         if (recorder) recorder->before_pass();
         uint64_t keep_ns = now_ns() - keep_start;
@@ -222,35 +226,58 @@ void run_lockstep(const RunParts& run, LiveReplay* replay, Trace* trace) {
         const uint64_t pass_start = now_ns();
         frame.step();
         const double frame_ms = static_cast<double>(now_ns() - pass_start) * 1e-6;
-        figures.world_bytes += resident_bytes() - bytes;
+        const double bytes_now = resident_bytes();
+        figures.world_bytes += bytes_now - bytes;
         watch->after_pass(frame);
         print_warnings(watch->take_warnings());
+        if (is_recorded()) {
+            recording->slip.push_back(0);
+            if (!is_recorded()) recording->state_hash = state_hash(frame.world());
+        }
         PassFigures pass = pass_figures(frame, time);
         pass.frame_ms = frame_ms;
-        costs.add(frame, figures);
-        if (trace) trace_pairs(frame, names, *trace);
+        pass.resident = bytes_now;
+        if (run.keeps()) costs.add(frame, figures);
+        if (trace && run.keeps()) trace_pairs(frame, names, *trace);
         const uint64_t kept_start = now_ns();
         if (recorder) recorder->after_pass(pass);
         keep_ns += now_ns() - kept_start;
         if (recorder) figures.capture_s += static_cast<double>(keep_ns) * 1e-9;
-        if (frame.times().picture && figures.write_failure.empty()) {
+        if (frame.times().picture && figures.write_failure.empty() && run.keeps()) {
             if (pictures) take_picture(frame, *pictures, figures, pass);
             if (options.export_every > 0 && !options.out.empty() && (frame.world().clock.picture - 1) % options.export_every == 0)
                 attempt(figures, [&] { export_bodies(frame.world(), options.out / "meshes", frame.world().clock.picture - 1); });
         }
         if (player) player->after_pass(frame, frame.times().stage_ns);
         if (view) view->after_pass(frame, frame.times().stage_ns);
+        progress.show(time * 1e3 / end_tick, format("%.2f s simulated, depth %.2f mm, %.2f N", time, pass.depth * 1e3, pass.force));
+        if (!run.keeps()) {
+            note_end_of_results(run);
+            continue;
+        }
         add_stage_times(frame, figures);
         for (const uint64_t ns : frame.times().tick_ns) figures.tick_us.push_back(static_cast<double>(ns) * 1e-3);
         figures.pass.push_back(pass);
         record_tools(frame, figures.tool_sample);
         if (exercise) exercise->after_pass(frame);
-        progress.show(time * 1e3 / end_tick, format("%.2f s simulated, depth %.2f mm, %.2f N", time, pass.depth * 1e3, pass.force));
     }
     figures.wall_s = static_cast<double>(now_ns() - start) * 1e-9;
     figures.stopped_by = static_cast<double>(frame.world().clock.tick) < end_tick ? stop_signal() : 0;
     costs.finish(frame, figures);
     if (replay) figures.replay_difference = replay->difference();
+    if (is_recorded()) recording->state_hash = state_hash(frame.world());
+}
+
+// Runs in lockstep for viewers and writes what they did into the folder.
+void run_viewed(const RunParts& run, Trace* trace) {
+    LiveRecording recording;
+    recording.lockstep = recording.viewed = true;
+    recording.start_hash = scene_hash(run.frame.world());
+    run_lockstep(run, nullptr, &recording, trace);
+    const fs::path file = run.options.out / "live.recording";
+    std::error_code error;
+    fs::remove(file, error);  // left by an earlier run
+    write_live_recording(file, recording), run.figures.recorded = true;
 }
 
 // Runs live and writes the recording into the folder.
@@ -425,6 +452,7 @@ void print_summary(const RunFigures& f, const fs::path& out, bool figures_only) 
     if (f.replay)
         write_standard_output(f.replay_difference.empty() ? "  the same to the bit as the live run\n"
                                                           : "  differs from the live run: " + f.replay_difference + "\n");
+    if (f.kept_s > 0) write_standard_output(format("  figures and files cover the first %.1f s\n", f.kept_s));
     if (!out.empty()) write_standard_output("  wrote " + out.string() + "/: " + files_text(f, figures_only) + "\n");
 }
 
@@ -514,7 +542,7 @@ void write_outputs(const RunOptions& options, Frame& frame, Trace& trace, Pictur
     std::string score;
     if (exercise) score = write_exercise(options.out, exercise->exercise(), figures);
     if (!figures.pass_stage_ms.empty()) write_whole_file(options.out / "stages.csv", stages_csv(figures));
-    write_trace(options.out / "trace.json", trace, thread_names());
+    write_trace(options.out / "trace.json", trace, thread_names(), &figures);
     figures.too_many_meshes = options.export_every == 0 && too_many_to_export(frame.world());
     if (!figures.too_many_meshes) {
         attempt(figures, [&] {
@@ -586,7 +614,7 @@ int run_command(const RunOptions& options) {
         double bytes = resident_bytes();
         const bool draws = options.render && !options.figures_only && file.settings.render && !options.out.empty();
         // captures may be drawn later, and recordings must be of the same world as their replay
-        const bool is_kept = options.live || replay || !options.capture.empty();
+        const bool is_kept = options.live || replay || view || !options.capture.empty();
         BuiltScene scene = build_scene(file, draws || is_kept ? Looks::kPainted : Looks::kPlain);
         figures.world_bytes = resident_bytes() - bytes;
         if (!options.out.empty()) clear_outputs(options.out);  // a faulty scene must not delete results
@@ -595,8 +623,9 @@ int run_command(const RunOptions& options) {
         Trace trace(options.out.empty() || options.figures_only ? 0 : kTraceCapacity);
         FrameOptions frame_options;
         frame_options.trace = options.out.empty() || options.figures_only ? nullptr : &trace;
-        frame_options.external_ticks = options.live || replay;
+        frame_options.external_ticks = options.live || (replay && !recording.lockstep);
         frame_options.pictures = draws;
+        if (view || recording.viewed) ViewerActions::make_room(scene.world);
         bytes = resident_bytes();
         Frame frame(std::move(scene.world), frame_options);
         figures.world_bytes += resident_bytes() - bytes;
@@ -620,6 +649,9 @@ int run_command(const RunOptions& options) {
             exercise.emplace(frame);
         RunWatch watch(frame.world());
         print_warnings(watch.take_warnings());
+        ViewerActions actions;
+        const bool endless = view && options.seconds <= 0;
+        const uint64_t kept = options.keep_passes >= 0 ? static_cast<uint64_t>(options.keep_passes) : endless ? kMostViewedPasses : 0;
         const RunParts run{options,
                            seconds,
                            frame,
@@ -629,14 +661,19 @@ int run_command(const RunOptions& options) {
                            &watch,
                            player ? &*player : nullptr,
                            exercise ? &*exercise : nullptr,
-                           view ? &*view : nullptr};
+                           view ? &*view : nullptr,
+                           view ? &actions : nullptr,
+                           kept};
+        if (view) view->offer_captures(recorder.has_value());
         if (view) view->attach(frame, figures.scene, scene.camera, !options.live);
         if (options.live)
             run_recorded(run);
+        else if (view && !replay && !options.out.empty() && !options.figures_only)
+            run_viewed(run, frame_options.trace);
         else
-            run_lockstep(run, repeat ? &*repeat : nullptr, frame_options.trace);
+            run_lockstep(run, repeat ? &*repeat : nullptr, nullptr, frame_options.trace);
         if (view && view->take_reset()) return true;
-        if (replay && exercise) exercise->add_ticks(recording.tick, recording.slip);
+        if (replay && exercise && !recording.lockstep) exercise->add_ticks(recording.tick, recording.slip);
         if (recorder) finish_captures(*recorder, figures);
         watch.finish(frame.world());
         print_warnings(watch.take_warnings());

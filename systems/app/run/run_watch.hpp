@@ -32,6 +32,8 @@ class RunWatch {
     // Before the first pass.
     explicit RunWatch(const World& world);
     void after_pass(Frame& frame);
+    // Gravity was changed between two passes, which lifted all bodies by so much potential energy, J.
+    void shift_gravity(double gained) { budget_.start_gravity += gained, budget_.least_gravity += gained; }
     // After the last one.
     void finish(World& world);
     // What was not yet taken.

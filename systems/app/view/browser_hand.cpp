@@ -68,7 +68,7 @@ std::unique_ptr<DeviceLink> open_browser_device(std::shared_ptr<BrowserHand> han
             channel.publish(state, now);
             channel.count(DeviceCount::kReceived);
             bool fresh = false;
-            channel.command(now, fresh);  // a mouse feels nothing
+            channel.command(now, fresh);         // a mouse feels nothing
             due = std::max(due + kPeriod, now);  // late: no catching up
             sleep_until_ns(due);
         }

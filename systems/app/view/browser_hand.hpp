@@ -19,7 +19,7 @@ struct BrowserHandTarget {
 // any other. Without a mouse it stays where it is.
 class BrowserHand {
  public:
-    static constexpr double kLag = 0.02;    // s; a mouse's period is 0.008 to 0.017
+    static constexpr double kLag = 0.02;     // s; a mouse's period is 0.008 to 0.017
     static constexpr double kFastest = 0.5;  // m/s, of the tip: what a hand in surgery reaches
 
     // `start`: what the device of the tool reports at the start of the run.

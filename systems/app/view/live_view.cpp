@@ -3,6 +3,7 @@
 #include <chrono>
 #include <nlohmann/json.hpp>
 #include <thread>
+#include <utility>
 
 #include "engine/base/error.hpp"
 #include "engine/jobs/real_time.hpp"
@@ -24,13 +25,15 @@ constexpr const char* kPage = R"(<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>Trocar</title><link rel="icon" href="data:,">
 <style>body{margin:0;font:15px/1.45 system-ui,sans-serif;color:#111827;background:#f4f6f8}
 #player{margin:10px;min-height:300px}#player p{padding:12px}h1{font-size:16px;margin:10px 12px 0}table{border-collapse:collapse}
-#player canvas,#player .facts3d{height:calc(100vh - 175px)!important;max-height:none!important}</style>
+#player canvas,#player .facts3d{height:calc(100vh - 235px)!important;max-height:none!important}</style>
 </head><body><h1>Trocar</h1><div id="player" data-live><p>Connecting. The view needs JavaScript.</p></div>
 <script src="player.js" defer></script></body></html>
 )";
 
 ViewFiles files_of_view() {
-    if (!has_player()) throw InputError("--view: this program was built without the player: Node.js and npm, or the packages they load, were not there then");
+    if (!has_player())
+        throw InputError(
+            "--view: this program was built without the player: Node.js and npm, or the packages they load, were not there then");
     return {kPage, packed_player_script()};
 }
 
@@ -75,6 +78,8 @@ void LiveView::obey(uint32_t client, const std::string& text) {
     if (what == "step") paused_ = true, steps_ += 1;
     if (what == "reset") reset_ = true;
     if (what == "end") ended_ = true;
+    if (what == "capture") capture_ = captures_.load();
+    if (what == "set" || what == "grab" || what == "pull" || what == "let") add_command(text);
     if (what == "speed") {
         const double speed = number_in(message, "value").value_or(1);
         if (speed >= kSlowest && speed <= kFastest) speed_ = speed;
@@ -88,7 +93,37 @@ void LiveView::obey(uint32_t client, const std::string& text) {
     }
 }
 
+void LiveView::add_command(const std::string& text) {
+    ViewCommand command;
+    try {
+        command = read_view_command(text);
+    } catch (const InputError& error) {
+        return tell(error.what());
+    }
+    const std::lock_guard guard(commands_lock_);
+    const bool pulls = command.kind == ViewCommand::Kind::kPull;
+    if (pulls && !commands_.empty() && commands_.back().kind == ViewCommand::Kind::kPull)
+        commands_.back() = command;
+    else if (commands_.size() < kMostCommands)
+        commands_.push_back(command);
+    else if (command.kind == ViewCommand::Kind::kLet)
+        commands_.back() = command;  // must not be lost
+    if (command.kind == ViewCommand::Kind::kGrab) grabs_ = true;
+}
+
+std::vector<ViewCommand> LiveView::take_commands() {
+    const std::lock_guard guard(commands_lock_);
+    return std::exchange(commands_, {});
+}
+
+void LiveView::tell(const std::string& text) {
+    const std::lock_guard guard(commands_lock_);
+    told_ = text;
+}
+
 void LiveView::left(uint32_t client) {
+    // nobody is there any more to let go of what it held
+    if (holder_ == client && grabs_.exchange(false)) add_command(R"({"do":"let"})");
     uint32_t holder = client;
     holder_.compare_exchange_strong(holder, 0);
 }
@@ -102,6 +137,11 @@ void LiveView::attach(const Frame& frame, const std::string& scene, const Camera
         const std::lock_guard guard(hands_lock_);
         hands_.clear();
     }
+    {
+        const std::lock_guard guard(commands_lock_);
+        commands_.clear(), told_.clear();
+    }
+    capture_ = grabs_ = false;
     stage_ns_.assign(frame.stage_names().size(), 0);
     server_.restart();
     start_clock(frame);
@@ -117,9 +157,14 @@ std::unique_ptr<DeviceLink> LiveView::open_device(uint32_t body, const HandTool&
 std::string LiveView::status(uint32_t client) const {
     json text{{"paused", paused_.load()}, {"speed", speed_.load()}, {"rate", rate_}, {"time", time_}, {"paced", paced_}};
     text["holds"] = holder_ == client, text["held"] = holder_ != 0, text["clients"] = server_.clients();
+    text["captures"] = captures_.load();
+    {
+        const std::lock_guard guard(commands_lock_);
+        text["told"] = told_;
+    }
     text["hands"] = json::array();
     for (const auto& [body, hand] : hands_) text["hands"].push_back(body);
-    return text.dump();
+    return text.dump(-1, ' ', false, json::error_handler_t::replace);
 }
 
 void LiveView::show(const Frame& frame) {

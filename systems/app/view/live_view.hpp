@@ -7,6 +7,7 @@
 #include <string>
 
 #include "systems/app/view/browser_hand.hpp"
+#include "systems/app/view/view_command.hpp"
 #include "systems/app/view/view_server.hpp"
 namespace trocar {
 
@@ -35,12 +36,23 @@ class LiveView {
     void end() { ended_ = true; }
     // Whether it should end because it shall start again; false from then on.
     bool take_reset() { return reset_.exchange(false); }
+    // What the client that holds the run has asked for since the last call, in its order; of pulls that follow each other the last.
+    std::vector<ViewCommand> take_commands();
+    // Whether it has asked for a capture since the last call.
+    bool take_capture() { return capture_.exchange(false); }
+    // Whether it may: the run keeps passes to write.
+    void offer_captures(bool offered) { captures_ = offered; }
+    // Tells all clients something, until the next is told: what came of a command.
+    void tell(const std::string& text);
 
     // Any thread: what a client (0: this program, while nobody holds the run) may send as JSON {"do": ..., ...}; whatever is not
     // understood is ignored.
     void obey(uint32_t client, const std::string& text);
 
+    static constexpr size_t kMostCommands = 64;  // waiting for the next pass; more are ignored
+
  private:
+    void add_command(const std::string& text);
     enum class Turn { kGo, kStep, kEnd };
     Turn wait(const Frame& frame);  // while it is paused
     void show(const Frame& frame);
@@ -52,27 +64,31 @@ class LiveView {
     // Written by the server's thread, which obeys the clients.
     std::atomic<uint32_t> holder_{0};  // 0 = nobody
     std::atomic<bool> paused_{false}, reset_{false}, ended_{false};
-    std::atomic<uint32_t> steps_{0};  // passes to make although paused
-    std::atomic<double> speed_{1};    // of real time
-    std::mutex hands_lock_;           // of hands_: the server's thread aims, the simulation opens them
+    std::atomic<uint32_t> steps_{0};                          // passes to make although paused
+    std::atomic<double> speed_{1};                            // of real time
+    std::mutex hands_lock_;                                   // of hands_: the server's thread aims, the simulation opens them
     std::map<uint32_t, std::shared_ptr<BrowserHand>> hands_;  // by body
+    std::atomic<bool> capture_{false}, captures_{false}, grabs_{false};
+    mutable std::mutex commands_lock_;   // of what follows: the server's thread adds, the simulation takes
+    std::vector<ViewCommand> commands_;  // at most kMostCommands
+    std::string told_;
 
     // The simulation's.
     std::optional<PlayerCoder> coder_;
     std::string scene_;
     Camera camera_;
     bool paced_ = true;
-    std::vector<uint64_t> stage_ns_;    // of the last pass
-    bool shown_ = false;                // the last pass
-    int64_t shown_ns_ = 0;              // when the last frame was
-    int64_t clock_ns_ = 0;              // when ...
-    uint64_t clock_tick_ = 0;           // ... this tick was due
-    double clock_speed_ = 1;            // at this speed
-    double rate_ = 0;                   // simulated time over real time, of late
+    std::vector<uint64_t> stage_ns_;  // of the last pass
+    bool shown_ = false;              // the last pass
+    int64_t shown_ns_ = 0;            // when the last frame was
+    int64_t clock_ns_ = 0;            // when ...
+    uint64_t clock_tick_ = 0;         // ... this tick was due
+    double clock_speed_ = 1;          // at this speed
+    double rate_ = 0;                 // simulated time over real time, of late
     int64_t rate_ns_ = 0;
     uint64_t rate_tick_ = 0;
-    double time_ = 0;                   // s, simulated
-    ViewServer server_;                 // last: its thread uses what is above
+    double time_ = 0;    // s, simulated
+    ViewServer server_;  // last: its thread uses what is above
 };
 
 }  // namespace trocar

@@ -80,7 +80,7 @@ class Frame {
         return Frame.kept;
     }
 }
-for (const name of ['stages', 'pairs', 'contactsFound', 'contacts', 'tools', 'links', 'cellsFound', 'cellSize', 'cellOrigin', 'cells'])
+for (const name of ['stages', 'pairs', 'contactsFound', 'contacts', 'tools', 'links', 'cellsFound', 'cellSize', 'cellOrigin', 'cells', 'inspection'])
     Object.defineProperty(Frame.prototype, name, {get() { return this.found[name]; }});
 
 function readFrame(r, header, meshes, before) {
@@ -89,6 +89,18 @@ function readFrame(r, header, meshes, before) {
     frame.surfaces = new Map(before ? before.surfaces : []);  // of torn bodies, instead of their meshes'
     for (let body; (body = r.number()) > 0;) frame.surfaces.set(body - 1, readTriangles(r));
     return frame;
+}
+
+// What the stages of a pass left for each other. Of lists the first rows are there.
+function readInspection(r) {
+    const list = read => { const found = r.number(), rows = r.times(r.number(), read); return {found, rows}; };
+    return {
+        boxPairs: r.number(), trianglePairs: r.number(), nearVertices: r.number(), constraints: r.number(), loaded: r.number(),
+        boxes: list(() => [r.vector(), r.vector()]),
+        pairs: list(() => ({a: r.number(), b: r.number(), trianglePairs: r.number(), nearVertices: r.number(), contacts: r.number(),
+                            constraints: r.number(), depth: r.float(), force: r.float()})),
+        islands: list(() => ({bodies: r.number(), constraints: r.number()})),
+    };
 }
 
 function readFindings(r, header) {
@@ -104,6 +116,7 @@ function readFindings(r, header) {
     const count = r.number();
     found.cellSize = r.float(), found.cellOrigin = r.vector();
     found.cells = r.times(count, () => [r.number(), r.number(), r.number()]);
+    found.inspection = readInspection(r);
     return found;
 }
 

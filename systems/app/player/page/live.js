@@ -4,6 +4,7 @@ import {Player, element} from './player.js';
 
 const handPeriod = 8;  // ms between two places of the hand
 const openGrip = 0.5;  // rad
+const marked = ['gravity', 'contact.tolerance', 'contact.push_speed', 'contact.iterations', 'substep', 'body.tissue.friction', 'body.tissue.damping', 'body.tissue.restitution'];
 const again = 1000;    // ms, until the next try to connect
 
 class LivePlayer extends Player {
@@ -11,6 +12,7 @@ class LivePlayer extends Player {
         super(host, recording);
         this.send = send, this.handAt = null, this.grip = openGrip, this.buttons = 0, this.sent = 0;
         this.listenToHand(host);
+        this.listenToDrags();
     }
     makeBar() {
         const button = (text, title, click) => element('button', {textContent: text, title, onclick: click});
@@ -24,9 +26,20 @@ class LivePlayer extends Player {
         this.handLabel = element('label', {hidden: true, title: 'the mouse moves the tool across the view, the wheel along it; g opens and closes the grip, 1 to 4 are buttons, Escape lets go'}, this.handBox, ' mouse is the hand');
         this.holdButton = button('Take over', 'be the one whose buttons count', say('hold'));
         this.stateText = element('output');
+        this.dragBox = element('input', {type: 'checkbox'});
+        this.captureButton = button('Capture', 'write the last passes to a .cap file', say('capture')), this.captureButton.hidden = true;
+        this.setKey = element('input', {size: 18, placeholder: 'gravity', title: 'a parameter that may be changed while the run lasts'});
+        this.setKey.setAttribute('list', 'marked');
+        this.setValue = element('input', {size: 12, placeholder: '[0, 0, -9.81]', title: 'its value, as in a scene file'});
+        const names = element('datalist', {id: 'marked'}, ...marked.map(value => element('option', {value})));
+        const set = button('Set', 'from the next pass on', () => this.send({do: 'set', key: this.setKey.value.trim(), value: this.setValue.value.trim()}));
+        this.setValue.onkeydown = e => { if (e.key === 'Enter') set.click(); };
+        this.told = element('output', {className: 'told'});
         return element('div', {className: 'bar'}, this.play, button('Step', 'right arrow', say('step')), this.speedChoice, this.clock,
                        button('Start again', 'from the first pass', say('reset')), button('End', 'end the run: its results are written', say('end')),
-                       button('Reset view', '', () => this.view.home()), this.handLabel, this.holdButton, this.stateText);
+                       button('Reset view', '', () => this.view.home()), this.handLabel,
+                       element('label', {title: 'pull at a soft or free body with the mouse; also with Shift held'}, this.dragBox, ' drag bodies'),
+                       this.captureButton, names, this.setKey, this.setValue, set, this.holdButton, this.stateText, this.told);
     }
     toggle() { this.send({do: this.status && this.status.paused ? 'play' : 'pause'}); }
     stopAt() { this.send({do: 'step'}); }
@@ -40,6 +53,7 @@ class LivePlayer extends Player {
     heed(status) {
         this.status = status;
         this.play.textContent = status.paused ? 'Play' : 'Pause';
+        this.captureButton.hidden = !status.captures, this.told.textContent = status.told;
         this.speedChoice.hidden = !status.paced, this.speedChoice.value = status.speed;
         this.holdButton.hidden = status.holds || status.held;
         this.handLabel.hidden = !status.holds || status.hands.length === 0;
@@ -49,7 +63,7 @@ class LivePlayer extends Player {
     }
     get tool() { return this.recording.header.tools.findIndex(t => t.body === this.status.hands[0]); }
     holdHand(on) {
-        this.view.controls.enabled = !on;
+        this.view.controls.enabled = !on && !this.view.follows;
         this.handAt = on ? this.frames[0].tools[this.tool].device.slice() : null;
         this.canvas.style.cursor = on ? 'crosshair' : '';
         if (on) this.canvas.focus();
@@ -60,6 +74,31 @@ class LivePlayer extends Player {
         this.sent = now;
         const tip = this.handAt.map((x, k) => x + this.recording.header.origin[k]);
         this.send({do: 'hand', body: this.status.hands[0], tip, grip: this.grip, buttons: this.buttons});
+    }
+    // A body under the pointer is pulled while the button is down; beside one the camera turns.
+    listenToDrags() {
+        const toWorld = point => point.map((x, k) => x + this.recording.header.origin[k]);
+        this.canvas.addEventListener('pointerdown', e => {
+            if (e.button !== 0 || this.handAt || !(this.dragBox.checked || e.shiftKey) || !this.status || !this.status.holds) return;
+            const hit = this.view.pickBody(e.offsetX, e.offsetY);
+            if (!hit) return;
+            this.dragAt = hit.point, this.view.controls.enabled = false;
+            this.canvas.setPointerCapture(e.pointerId);
+            this.send({do: 'grab', body: hit.body, point: toWorld(hit.point)});
+        }, {capture: true});
+        this.canvas.addEventListener('pointermove', e => {
+            if (!this.dragAt) return;
+            this.dragAt = this.view.onPlane(e.offsetX, e.offsetY, this.dragAt);
+            const now = performance.now();
+            if (now - this.sent < handPeriod) return;
+            this.sent = now, this.send({do: 'pull', point: toWorld(this.dragAt)});
+        });
+        const letGo = () => {
+            if (!this.dragAt) return;
+            this.dragAt = null, this.view.controls.enabled = !this.view.follows;
+            this.send({do: 'let'});
+        };
+        for (const end of ['pointerup', 'pointercancel']) this.canvas.addEventListener(end, letGo);
     }
     listenToHand(host) {
         this.canvas.addEventListener('pointermove', e => {

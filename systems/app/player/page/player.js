@@ -2,25 +2,26 @@
 // on the document (detail: s), and hear by `trocar-shown` which time is on show.
 import {legendOf, modes} from './colours.js';
 import {View} from './view.js';
-import {bodyFacts, contactFacts, frameFacts, nameOfPass} from './facts.js';
+import {bodyFacts, contactFacts, frameFacts, islandFacts, nameOfPass, pairFacts, stageFacts} from './facts.js';
 
 export const style = `
 #player{display:grid;grid-template-columns:minmax(0,1fr) 300px;background:#fff;border:1px solid #e3e6ea;border-radius:8px;overflow:hidden;outline-offset:2px}
 #player canvas{width:100%;height:min(62vh,640px);min-height:320px;display:block;touch-action:none;cursor:grab}
 #player .bar{grid-column:1/-1;display:flex;flex-wrap:wrap;gap:6px 12px;align-items:center;padding:8px 12px;border-top:1px solid #e3e6ea;font-size:13.5px}
 #player .bar input[type=range]{flex:1 1 240px}
-#player button,#player select{font:inherit;padding:3px 9px;border:1px solid #c9ced6;border-radius:5px;background:#f7f8fa;cursor:pointer}
+#player button,#player select,#player input:not([type]){font:inherit;padding:3px 9px;border:1px solid #c9ced6;border-radius:5px;background:#f7f8fa;cursor:pointer}
 #player .play{min-width:64px}
 #player output{font-variant-numeric:tabular-nums;min-width:150px}
 #player .facts3d{box-sizing:border-box;padding:10px 12px;border-left:1px solid #e3e6ea;font-size:13px;overflow:auto;max-height:min(62vh,640px)}
 #player .facts3d h3{font-size:13.5px;margin:10px 0 2px}#player .facts3d h3:first-child{margin-top:0}
 #player .facts3d table{font-size:12.5px;width:100%}#player .facts3d td{padding:1px 6px 1px 0}
 #player .legend i{display:inline-block;width:110px;height:10px;margin:0 6px;border-radius:3px}
+#player .choices tr{cursor:pointer}#player .choices tr:hover,#player .choices tr:focus{background:#eef2f7}#player .choices .chosen{background:#dbe7f5}
 #player .hint{color:#667085}
 @media(max-width:820px){#player{grid-template-columns:1fr}#player .facts3d{border-left:0;border-top:1px solid #e3e6ea;max-height:240px}}`;
 
 const layerNames = {contacts: 'contacts', normals: 'normals', forces: 'contact forces', tools: 'tools and their forces', links: 'links', wireframe: 'wireframe',
-                    seeThrough: 'see-through', cells: 'cells of the grid'};
+                    seeThrough: 'see-through', cells: 'cells of the grid', boxes: 'boxes of bodies', pairs: 'candidate pairs'};
 
 export function element(name, properties = {}, ...children) {
     const made = Object.assign(document.createElement(name), properties);
@@ -59,15 +60,18 @@ export class Player {
     makeLayers() {
         const mode = element('select', {onchange: () => { this.view.mode = mode.value, this.show(this.at), this.showLegend(); }});
         for (const [value, textContent] of Object.entries(modes)) mode.append(element('option', {value, textContent}));
+        this.cameraChoice = element('select', {title: 'what the picture is seen from', onchange: () => this.view.follow(this.cameraChoice.value === 'scene')});
+        this.cameraChoice.append(element('option', {value: 'free', textContent: 'orbit'}), element('option', {value: 'scene', textContent: this.recording.header.camera.orbit ? "the scene's" : 'laparoscope'}));
         const row = element('div', {className: 'bar'}, element('label', {}, 'colour by ', mode), this.legend = element('span', {className: 'legend'}));
         for (const [layer, text] of Object.entries(layerNames)) {
-            if (layer === 'cells' && !this.recording.header.cells) continue;
+            if (['cells', 'boxes', 'pairs'].includes(layer) && !this.recording.header.cells) continue;
             if (layer === 'links' && !this.recording.header.links) continue;
             if (layer === 'tools' && this.recording.header.tools.length === 0) continue;
             const box = element('input', {type: 'checkbox', checked: ['contacts', 'tools', 'links'].includes(layer)});
             box.onchange = () => { this.view.layers[layer] = box.checked, this.show(this.at); };
             row.append(element('label', {}, box, ' ' + text));
         }
+        row.append(element('label', {}, 'camera ', this.cameraChoice));
         return row;
     }
     showLegend() {
@@ -86,8 +90,8 @@ export class Player {
         const keys = {' ': () => this.toggle(), ArrowLeft: () => this.stopAt(this.at - 1), ArrowRight: () => this.stopAt(this.at + 1),
                       Home: () => this.stopAt(0), End: () => this.stopAt(this.frames.length - 1)};
         document.addEventListener('keydown', e => {
-            const here = host.matches(':hover') || host.contains(document.activeElement);
-            if (!here || !keys[e.key] || e.target.tagName === 'SELECT' || e.ctrlKey || e.metaKey || e.altKey) return;
+            const here = host.matches(':hover') || host.contains(document.activeElement), types = e.target.tagName === 'SELECT' || (e.target.tagName === 'INPUT' && e.target.type === 'text');
+            if (!here || !keys[e.key] || types || e.ctrlKey || e.metaKey || e.altKey) return;
             e.preventDefault();
             if (e.target.tagName === 'BUTTON') e.target.blur();  // or space would press it too
             keys[e.key]();
@@ -128,7 +132,7 @@ export class Player {
         this.show(Math.min(this.frames.length - 1, Math.max(0, frame)));
     }
     show(frame) {
-        if (frame !== this.at && this.view.selected && 'contact' in this.view.selected) this.view.selected = null;
+        if (frame !== this.at && this.view.selected && !('body' in this.view.selected)) this.view.selected = null;
         this.at = frame, this.slider.value = frame;
         const {time} = this.frames[frame];
         this.clock.textContent = `${time.toFixed(3)} s, ${nameOfPass(this.frames[frame])}`;
@@ -138,13 +142,16 @@ export class Player {
     }
     select(hit) {
         this.view.selected = hit;
-        this.view.paint(), this.view.markContact(), this.view.draw();
+        this.view.paint(), this.view.showPairs(this.frames[this.at]), this.view.markContact(), this.view.draw();
         this.tell();
     }
     tell() {
         const hit = this.view.selected, frame = this.frames[this.at];
         const parts = frameFacts(this.recording, frame);
+        parts.push(...stageFacts(this.recording, frame, chosen => this.select(chosen), hit));
         if (hit && 'contact' in hit) parts.unshift(...contactFacts(this.recording, frame, hit.contact));
+        else if (hit && 'pair' in hit) parts.unshift(...pairFacts(this.recording, frame, hit.pair));
+        else if (hit && 'island' in hit) parts.unshift(...islandFacts(this.recording, frame, hit.island));
         else if (hit) parts.unshift(...bodyFacts(this.recording, frame, hit.body));
         else parts.push(element('p', {className: 'hint', textContent: 'Click a body or a contact for its numbers, a plot for its time. Drag turns, wheel zooms, right drag moves.'}));
         this.facts.replaceChildren(...parts);

@@ -55,7 +55,8 @@ function setOverlay(drawn, position, colour) {
 export class View {
     constructor(canvas, recording) {
         this.recording = recording, this.canvas = canvas, this.frame = 0, this.selected = null;
-        this.layers = {contacts: true, normals: false, forces: false, tools: true, links: true, cells: false, wireframe: false, seeThrough: false};
+        this.layers = {contacts: true, normals: false, forces: false, tools: true, links: true, cells: false, boxes: false, pairs: false, wireframe: false, seeThrough: false};
+        this.follows = false;  // the scene's camera, not the pointer
         this.mode = 'material', this.limits = recording.header.limits;
         this.renderer = new three.WebGLRenderer({canvas, antialias: true});
         this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
@@ -94,12 +95,14 @@ export class View {
         this.normals = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0x0b5cad, opacity: 0.8, ...over}));
         this.forces = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0xb3123f, ...over}));
         this.cells = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0x2a7d4f, opacity: 0.35, ...over}));
+        this.boxes = overlay(three.LineSegments, new three.LineBasicMaterial({vertexColors: true, ...over, opacity: 0.6}));
+        this.pairs = overlay(three.LineSegments, new three.LineBasicMaterial({vertexColors: true, ...over}));
         this.mark = overlay(three.Points, new three.PointsMaterial({size: 18 * devicePixelRatio, sizeAttenuation: false, color: 0x111827, map: ring, ...over}));
         this.mark.renderOrder = 11;
         this.links = overlay(three.LineSegments, new three.LineBasicMaterial({color: 0x6b2fa0, ...over}));
         this.hand = overlay(three.LineSegments, new three.LineBasicMaterial({vertexColors: true, ...over}));
         this.tips = overlay(three.Points, new three.PointsMaterial({size: 9 * devicePixelRatio, sizeAttenuation: false, vertexColors: true, map: dot, ...over}));
-        this.scene.add(this.mark, this.points, this.normals, this.forces, this.links, this.cells, this.hand, this.tips);
+        this.scene.add(this.mark, this.points, this.normals, this.forces, this.links, this.cells, this.boxes, this.pairs, this.hand, this.tips);
     }
     placeCamera() {
         const {camera} = this.recording.header, box = boxToFit(this), size = box.getSize(new three.Vector3()).length();
@@ -150,6 +153,7 @@ export class View {
         });
         this.paint();
         this.updateLayers(now);
+        if (this.follows) this.placeScope();
         this.draw();
     }
     moveSoft(i, now) {
@@ -208,14 +212,45 @@ export class View {
         this.showTools(now, size);
         setOverlay(this.links, now.links.flat(2));
         if (now.cells) setOverlay(this.cells, now.cells.flatMap(cell => cellEdges(cell, now)));
+        this.showPairs(now);
         this.markContact();
         const {layers} = this;
         this.points.visible = layers.contacts, this.normals.visible = layers.normals, this.forces.visible = layers.forces;
+        this.boxes.visible = layers.boxes || this.chosenBodies(now).length > 0, this.pairs.visible = layers.pairs;
         this.cells.visible = layers.cells, this.links.visible = layers.links, this.hand.visible = this.tips.visible = layers.tools;
     }
+    // Marks the chosen contact, or those of the chosen pair.
     markContact() {
-        const {contacts} = this.recording.frames[this.frame], chosen = this.selected && contacts[this.selected.contact];
-        setOverlay(this.mark, chosen ? chosen.point : []);
+        const {contacts, inspection} = this.recording.frames[this.frame], {contact, pair} = this.selected || {};
+        const of = inspection && pair !== undefined ? inspection.pairs.rows[pair] : null;
+        const marked = of ? contacts.filter(c => (c.body === of.a && c.other === of.b) || (c.body === of.b && c.other === of.a)) : contacts[contact] ? [contacts[contact]] : [];
+        this.mark.material.size = (marked.length > 1 ? 8 : 18) * devicePixelRatio;
+        setOverlay(this.mark, marked.flatMap(c => c.point));
+    }
+    // Of a chosen pair or island.
+    chosenBodies(now) {
+        const {pair, island} = this.selected || {};
+        if (now.inspection && pair !== undefined) return [now.inspection.pairs.rows[pair].a, now.inspection.pairs.rows[pair].b];
+        return island !== undefined ? now.bodies.flatMap((b, i) => b.island === island ? [i] : []) : [];
+    }
+    // Boxes of all bodies or of the chosen ones; candidate pairs from middle to middle: red where they overlap, brown where they have contacts.
+    showPairs(now) {
+        if (!now.inspection) return;
+        const {boxes, pairs} = now.inspection, chosen = new Set(this.chosenBodies(now)), edge = [], edgeColour = [], line = [], lineColour = [];
+        boxes.rows.forEach(([low, high], body) => {
+            if (!this.layers.boxes && !chosen.has(body)) return;
+            const edges = boxEdges(low, high), colour = chosen.has(body) ? [0.7, 0.2, 0] : [0.05, 0.2, 0.45];
+            edge.push(...edges);
+            for (let i = 0; i < edges.length; i += 3) edgeColour.push(...colour);
+        });
+        const middle = body => boxes.rows[body][0].map((x, k) => (x + boxes.rows[body][1][k]) / 2);
+        for (const p of pairs.rows) {
+            if (p.a >= boxes.rows.length || p.b >= boxes.rows.length) continue;
+            const colour = p.depth > 0 ? [0.75, 0.05, 0.05] : p.contacts > 0 ? [0.5, 0.3, 0] : [0.35, 0.4, 0.5];
+            line.push(...middle(p.a), ...middle(p.b)), lineColour.push(...colour, ...colour);
+        }
+        setOverlay(this.boxes, edge, edgeColour), setOverlay(this.pairs, line, lineColour);
+        this.boxes.visible = this.layers.boxes || chosen.size > 0;
     }
     showTools(now, size) {
         const line = [], lineColour = [], tip = [], tipColour = [], green = [0.02, 0.5, 0.15], red = [0.7, 0.05, 0.05];
@@ -232,6 +267,43 @@ export class View {
         requestAnimationFrame(() => { this.waiting = false, this.renderer.render(this.scene, this.camera); });
     }
     home() { this.controls.reset(); }
+    // The scene's camera: a laparoscope as it is held in this frame, with its round picture, or the scene's viewpoint. False: the pointer
+    // turns the camera from where it is.
+    follow(on) {
+        const {camera} = this.recording.header, scope = on && !camera.orbit;
+        this.follows = scope, this.controls.enabled = !scope;
+        this.canvas.style.clipPath = scope ? 'circle(closest-side)' : '';
+        if (camera.held) this.bodies[camera.held.body].visible = !scope && !this.recording.frames[this.frame].bodies[camera.held.body].away;
+        if (scope) this.placeScope();
+        else if (on) this.home();
+        else {
+            const ahead = this.camera.getWorldDirection(new three.Vector3()), away = this.camera.position.distanceTo(this.controls.target);
+            this.camera.up.set(...camera.up).normalize();
+            this.controls.target.copy(this.camera.position).addScaledVector(ahead, away);
+            this.controls.update();
+        }
+        this.draw();
+    }
+    // As placed_camera of systems/output/render.cpp.
+    placeScope() {
+        const {camera} = this.recording.header, {held} = camera;
+        if (!held) {
+            this.camera.up.set(...camera.up), this.camera.position.set(...camera.position);
+            return this.camera.lookAt(...camera.target);
+        }
+        this.bodies[held.body].visible = false;
+        const {position, turn} = pose(this.recording, held.body, this.frame), rotation = new three.Quaternion(...turn).normalize();
+        const turned = v => new three.Vector3(...v).applyQuaternion(rotation), along = turned(held.shaft).normalize(), mark = turned(held.mark);
+        const aboutShaft = (up, angle) => {
+            const top = up.clone().addScaledVector(along, -up.dot(along)).normalize();
+            return top.clone().multiplyScalar(Math.cos(angle)).addScaledVector(along.clone().cross(top), Math.sin(angle));
+        };
+        const looks = along.clone().multiplyScalar(Math.cos(held.optic)).addScaledVector(aboutShaft(mark, held.optic_roll), Math.sin(held.optic));
+        const top = aboutShaft(held.level ? new three.Vector3(...camera.up) : mark, held.roll);
+        this.camera.position.copy(turned(held.position)).add(new three.Vector3(...position));
+        this.camera.up.copy(top.addScaledVector(looks, -top.dot(looks)).normalize());
+        this.camera.lookAt(this.camera.position.clone().addScaledVector(looks, held.light));
+    }
     // A browser has room for a few views.
     dispose() { this.renderer.dispose(), this.renderer.forceContextLoss(); }
     // The point under a place of the canvas that is as far away as `point`.
@@ -253,11 +325,23 @@ export class View {
             });
         }
         if (nearest) return nearest;
+        return this.pickBody(x, y);
+    }
+    // The body there, and the point of its surface.
+    pickBody(x, y) {
+        const {clientWidth: width, clientHeight: height} = this.canvas;
         const ray = new three.Raycaster();
         ray.setFromCamera(new three.Vector2(2 * x / width - 1, 1 - 2 * y / height), this.camera);
         const hits = ray.intersectObjects(this.bodies.filter(b => b.visible), false);
-        return hits.length > 0 ? {body: hits[0].object.userData.body} : null;
+        return hits.length > 0 ? {body: hits[0].object.userData.body, point: hits[0].point.toArray()} : null;
     }
+}
+
+function boxEdges(low, high) {
+    const edges = [], corner = bits => [0, 1, 2].map(k => (bits >> k & 1 ? high : low)[k]);
+    for (let a = 0; a < 8; ++a)
+        for (const bit of [1, 2, 4]) if (!(a & bit)) edges.push(...corner(a), ...corner(a | bit));
+    return edges;
 }
 
 function cellEdges(cell, {cellSize, cellOrigin}) {

@@ -45,6 +45,13 @@ class Struct(c.Structure):
         self.size = c.sizeof(self)
 
 
+class Row(c.Structure):
+    """A row of a list: row["depth"], as rows of a numpy array have it, is row.depth."""
+
+    def __getitem__(self, name: str):
+        return getattr(self, name)
+
+
 u32, u64, f64, vec3, quat = c.c_uint32, c.c_uint64, c.c_double, c.c_double * 3, c.c_double * 4
 
 
@@ -63,7 +70,7 @@ class Body(Struct):
                 ("particles", u32), ("origin", vec3), ("orientation", quat), ("mass", f64)]
 
 
-class Nearest(c.Structure):
+class Nearest(Row):
     _fields_ = [("distance", f64), ("point", vec3), ("normal", vec3), ("triangle", u32), ("reserved", u32)]
 
 
@@ -77,12 +84,12 @@ class Tool(Struct):
                 ("grip_torque", f64)]
 
 
-class Contact(c.Structure):
+class Contact(Row):
     _fields_ = [("body", u32), ("other", u32), ("vertex", u32 * 2), ("third", u32), ("triangle", u32), ("along", c.c_float),
                 ("across", c.c_float), ("point", vec3), ("closest", vec3), ("normal", vec3), ("distance", f64)]
 
 
-class Pair(c.Structure):
+class Pair(Row):
     _fields_ = [("a", u32), ("b", u32), ("overlap", u32), ("saturated", u32), ("a_in_b", u32), ("b_in_a", u32), ("depth", f64),
                 ("surface_depth", f64), ("direction", vec3), ("witness", u32), ("reserved", u32)]
 
@@ -111,7 +118,7 @@ class ColliderOptions(Struct):
     _fields_ = [("size", u32), ("no_faces", u32), ("tolerance", f64)]
 
 
-class Region(c.Structure):
+class Region(Row):
     _fields_ = [("a", u32), ("b", u32), ("a_in_b", u32), ("b_in_a", u32), ("curves", u32), ("witness", u32), ("contour", f64),
                 ("area", f64), ("volume", f64), ("depth", f64), ("direction", vec3)]
 

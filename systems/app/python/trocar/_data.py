@@ -168,7 +168,7 @@ def indices(values: Any, width: int, name: str):
 
 
 def rows_of(kind: type, function, *arguments) -> Any:
-    """The list that a function fills, as a numpy array of structs (rows["depth"]), else as a list of structs (row.depth)."""
+    """The list that a function fills, as a numpy array of structs (rows["depth"]), else as a list of structs; rows[0]["depth"] in both."""
     count = _c.count_of(function, *arguments)
     rows = (kind * count)()
     _c.check(function(*arguments, rows, count, c.byref(c.c_size_t())))
