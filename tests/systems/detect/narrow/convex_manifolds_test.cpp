@@ -116,8 +116,8 @@ TEST(ConvexManifolds, SeparateAlongTheBestOfAllDirections) {
 }
 
 // Hulls of very different sizes, faces and edges exactly or almost parallel, deep in each other or apart: the sign of the separation is
-// right, and the depth that of brute force. Every contact of hulls that are apart is open. Breaks when edges a milliradian from parallel
-// give no direction.
+// right, and the depth that of brute force. Every contact of hulls that are apart is open. Breaks when pairs of edges
+// are left out.
 TEST(ConvexManifolds, AlmostParallelAndApart) {
     std::mt19937 random(5);
     std::uniform_real_distribution<double> unit(-1, 1);
