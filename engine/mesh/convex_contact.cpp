@@ -263,10 +263,10 @@ HullContact beside_face(const HullSide& reference, const FaceAxis& axis, const H
     return contact;
 }
 
-void find_face_contacts(const HullSide& reference, const FaceAxis& axis, const HullSide& incident, bool of_b, double margin,
-                        double preferred, HullContactScratch& scratch, HullManifold& manifold) {
+// Appends the contacts over a face: of the face that lies against it. All that are inside are inside the other hull.
+void add_face_contacts(const HullSide& reference, const FaceAxis& axis, const HullSide& incident, bool of_b, double margin,
+                       HullContactScratch& scratch) {
     std::vector<HullContact>& found = scratch.found;
-    found.clear();
     const Vec3d& normal = reference.at.normal[axis.face];
     const double offset = reference.at.offset[axis.face];
     const uint32_t face = incident_face(incident, axis.support, normal);
@@ -282,6 +282,14 @@ void find_face_contacts(const HullSide& reference, const FaceAxis& axis, const H
         }
         if (!(found.back().distance < margin)) found.pop_back();
     }
+}
+
+void find_face_contacts(const HullSide& reference, const FaceAxis& axis, const HullSide& incident, bool of_b, double margin,
+                        double preferred, HullContactScratch& scratch, HullManifold& manifold) {
+    std::vector<HullContact>& found = scratch.found;
+    const Vec3d& normal = reference.at.normal[axis.face];
+    found.clear();
+    add_face_contacts(reference, axis, incident, of_b, margin, scratch);
     if (found.empty()) {
         const HullContact beside = beside_face(reference, axis, incident, of_b, preferred);
         if (beside.distance < margin) found.push_back(beside);
@@ -323,6 +331,20 @@ void find_edge_contact(const HullSide& a, const HullSide& b, const EdgeAxis& axi
         contact.normal = normal, contact.distance = distance;
 }
 
+// Where hulls lie almost flat on each other, the contact of two edges at the rim alone would let them turn into each other: the contacts
+// over the face join it, those no deeper.
+void widen_edge_contact(const HullSide& reference, const FaceAxis& axis, const HullSide& incident, bool of_b, double margin,
+                        HullContactScratch& scratch, HullManifold& manifold) {
+    const Vec3d& normal = reference.at.normal[axis.face];
+    if (!(std::abs(normal.dot(manifold.direction)) > -kOpposite)) return;
+    std::vector<HullContact>& found = scratch.found;
+    found.assign(1, manifold.contact[0]);
+    add_face_contacts(reference, axis, incident, of_b, margin, scratch);
+    std::erase_if(found, [&](const HullContact& c) { return c.distance < manifold.contact[0].distance; });
+    manifold.count = choose_four(normal, found);
+    std::copy_n(found.begin(), manifold.count, manifold.contact.begin());
+}
+
 }  // namespace
 
 void find_hull_contacts(const ConvexHull& a, const ConvexHull& b, const Quat& turn, const Vec3d& shift, double margin, double preferred,
@@ -345,6 +367,10 @@ void find_hull_contacts(const ConvexHull& a, const ConvexHull& b, const Quat& tu
     if (!find_edge_axis(first, second, margin, by_faces + preferred, of_edges)) return;
     if (of_edges.separation > by_faces + preferred) {
         find_edge_contact(first, second, of_edges, preferred, manifold);
+        if (on_b)
+            widen_edge_contact(second, of_b, first, false, margin, scratch, manifold);
+        else
+            widen_edge_contact(first, of_a, second, true, margin, scratch, manifold);
     } else if (on_b) {
         find_face_contacts(second, of_b, first, false, margin, preferred, scratch, manifold);
     } else {
