@@ -11,9 +11,9 @@ namespace trocar {
 namespace {
 
 constexpr double kUnbounded = std::numeric_limits<double>::infinity();
-constexpr double kBeside = 1e-4;     // of the smaller radius: a corner so far beyond a side still counts as over the face
-constexpr double kParallel2 = 1e-6;  // squared sine between edges that give no direction
-constexpr double kOpposite = -0.9;   // cosine of faces of which a corner of one over the inside of the other is a contact
+constexpr double kBeside = 1e-4;      // of the smaller radius: a corner so far beyond a side still counts as over the face
+constexpr double kParallel2 = 1e-12;  // squared sine between edges that give no direction: it is that of a face within 1e-6 edge lengths
+constexpr double kOpposite = -0.9;    // cosine of faces of which a corner of one over the inside of the other is a contact
 
 struct HullSide {
     const ConvexHull& hull;
@@ -119,11 +119,11 @@ void find_open_edges(const HullSide& own, const Vec3d& near, double least, std::
 struct EdgeAxis {
     double separation = -kUnbounded;
     std::array<uint32_t, 2> edge{};
-    std::array<double, 2> along{};
     Vec3d normal = Vec3d::Zero();  // from a to b
 };
 
-// The pair of edges with the largest separation above `least`. False if one separates by more than the margin.
+// The pair of edges with the largest separation above `least`. False if one separates by more than the margin. Hulls that are apart may
+// be separated by no faces and only by edges that cross beside each other.
 bool find_edge_axis(const HullSide& a, const HullSide& b, double margin, double least, EdgeAxis& best) {
     best.separation = least;
     const double slack = 1e-12 * (a.hull.radius + b.hull.radius);
@@ -144,11 +144,7 @@ bool find_edge_axis(const HullSide& a, const HullSide& b, double margin, double 
             const double separation = least_along(b.at, normal, support) + least_along(a.at, -normal, support);
             if (separation > margin) return false;
             if (!(separation > best.separation) || separation < apart - slack) continue;  // or other points are nearer
-            const Vec3d gap = p - q;
-            const double uu = u.squaredNorm(), vv = v.squaredNorm(), uv = u.dot(v), ug = u.dot(gap), vg = v.dot(gap), d = uu * vv - uv * uv;
-            const double s = (uv * vg - vv * ug) / d, t = (uu * vg - uv * ug) / d;
-            if (!(s >= -1e-9 && s <= 1 + 1e-9 && t >= -1e-9 && t <= 1 + 1e-9)) continue;
-            best = {separation, {i, k}, {std::clamp(s, 0.0, 1.0), std::clamp(t, 0.0, 1.0)}, normal};
+            best = {separation, {i, k}, normal};
         }
     }
     return true;
@@ -267,10 +263,10 @@ HullContact beside_face(const HullSide& reference, const FaceAxis& axis, const H
     return contact;
 }
 
-void find_face_contacts(const HullSide& reference, const FaceAxis& axis, const HullSide& incident, bool of_b, double margin,
-                        double preferred, HullContactScratch& scratch, HullManifold& manifold) {
+// Appends the contacts over a face: of the face that lies against it. All that are inside are inside the other hull.
+void add_face_contacts(const HullSide& reference, const FaceAxis& axis, const HullSide& incident, bool of_b, double margin,
+                       HullContactScratch& scratch) {
     std::vector<HullContact>& found = scratch.found;
-    found.clear();
     const Vec3d& normal = reference.at.normal[axis.face];
     const double offset = reference.at.offset[axis.face];
     const uint32_t face = incident_face(incident, axis.support, normal);
@@ -286,6 +282,14 @@ void find_face_contacts(const HullSide& reference, const FaceAxis& axis, const H
         }
         if (!(found.back().distance < margin)) found.pop_back();
     }
+}
+
+void find_face_contacts(const HullSide& reference, const FaceAxis& axis, const HullSide& incident, bool of_b, double margin,
+                        double preferred, HullContactScratch& scratch, HullManifold& manifold) {
+    std::vector<HullContact>& found = scratch.found;
+    const Vec3d& normal = reference.at.normal[axis.face];
+    found.clear();
+    add_face_contacts(reference, axis, incident, of_b, margin, scratch);
     if (found.empty()) {
         const HullContact beside = beside_face(reference, axis, incident, of_b, preferred);
         if (beside.distance < margin) found.push_back(beside);
@@ -294,6 +298,51 @@ void find_face_contacts(const HullSide& reference, const FaceAxis& axis, const H
     std::copy_n(found.begin(), manifold.count, manifold.contact.begin());
     manifold.separation = axis.separation;
     manifold.direction = of_b ? normal : Vec3d(-normal);
+}
+
+// Shares of two segments, p + s u and q + t v, at which they are nearest to each other.
+std::array<double, 2> nearest_of_segments(const Vec3d& p, const Vec3d& u, const Vec3d& q, const Vec3d& v) {
+    const Vec3d gap = p - q;
+    const double uu = u.squaredNorm(), vv = v.squaredNorm(), uv = u.dot(v), ug = u.dot(gap), vg = v.dot(gap);
+    const double s = std::clamp((uv * vg - vv * ug) / (uu * vv - uv * uv), 0.0, 1.0);
+    const double t = std::clamp((uv * s + vg) / vv, 0.0, 1.0);
+    return {std::clamp((uv * t - ug) / uu, 0.0, 1.0), t};
+}
+
+// The contact of hulls that two edges separate best. Edges that are apart may cross beside their ends: then it is that of the points
+// nearest to each other, if the plane between them separates the hulls by no less.
+void find_edge_contact(const HullSide& a, const HullSide& b, const EdgeAxis& axis, double preferred, HullManifold& manifold) {
+    const HullEdge &edge = a.hull.edge[axis.edge[0]], &across = b.hull.edge[axis.edge[1]];
+    const Vec3d &p = a.at.point[edge.ends[0]], u = a.at.point[edge.ends[1]] - p;
+    const Vec3d &q = b.at.point[across.ends[0]], v = b.at.point[across.ends[1]] - q;
+    const auto [s, t] = nearest_of_segments(p, u, q, v);
+    HullContact& contact = manifold.contact[0];
+    contact = {false, edge.ends, s, p + s * u, -axis.normal, axis.separation, across.faces[0]};
+    manifold.count = 1;
+    manifold.separation = axis.separation;
+    manifold.direction = axis.normal;
+    if (!(axis.separation > 0)) return;
+    const Vec3d gap = contact.point - (q + t * v);
+    const double distance = gap.norm();
+    const Vec3d normal = gap / distance;
+    uint32_t support;
+    const double separation = least_along(b.at, -normal, support) + least_along(a.at, normal, support);
+    if (separation >= axis.separation - preferred && separation >= distance - preferred)
+        contact.normal = normal, contact.distance = distance;
+}
+
+// Where hulls lie almost flat on each other, the contact of two edges at the rim alone would let them turn into each other: the contacts
+// over the face join it, those no deeper.
+void widen_edge_contact(const HullSide& reference, const FaceAxis& axis, const HullSide& incident, bool of_b, double margin,
+                        HullContactScratch& scratch, HullManifold& manifold) {
+    const Vec3d& normal = reference.at.normal[axis.face];
+    if (!(std::abs(normal.dot(manifold.direction)) > -kOpposite)) return;
+    std::vector<HullContact>& found = scratch.found;
+    found.assign(1, manifold.contact[0]);
+    add_face_contacts(reference, axis, incident, of_b, margin, scratch);
+    std::erase_if(found, [&](const HullContact& c) { return c.distance < manifold.contact[0].distance; });
+    manifold.count = choose_four(normal, found);
+    std::copy_n(found.begin(), manifold.count, manifold.contact.begin());
 }
 
 }  // namespace
@@ -317,13 +366,11 @@ void find_hull_contacts(const ConvexHull& a, const ConvexHull& b, const Quat& tu
     EdgeAxis of_edges;
     if (!find_edge_axis(first, second, margin, by_faces + preferred, of_edges)) return;
     if (of_edges.separation > by_faces + preferred) {
-        const HullEdge &edge = a.edge[of_edges.edge[0]], &across = b.edge[of_edges.edge[1]];
-        const auto& at = scratch.a.point;
-        const Vec3d point = at[edge.ends[0]] + of_edges.along[0] * (at[edge.ends[1]] - at[edge.ends[0]]);
-        manifold.count = 1;
-        manifold.contact[0] = {false, edge.ends, of_edges.along[0], point, -of_edges.normal, of_edges.separation, across.faces[0]};
-        manifold.separation = of_edges.separation;
-        manifold.direction = of_edges.normal;
+        find_edge_contact(first, second, of_edges, preferred, manifold);
+        if (on_b)
+            widen_edge_contact(second, of_b, first, false, margin, scratch, manifold);
+        else
+            widen_edge_contact(first, of_a, second, true, margin, scratch, manifold);
     } else if (on_b) {
         find_face_contacts(second, of_b, first, false, margin, preferred, scratch, manifold);
     } else {
