@@ -5,6 +5,7 @@
 
 #include "engine/contact/contact_constraints.hpp"
 #include "engine/contact/sleeping_bodies.hpp"
+#include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/predicates.hpp"
 #include "engine/tissue/link_energy.hpp"
 namespace trocar {
