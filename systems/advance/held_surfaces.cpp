@@ -9,12 +9,17 @@
 #include "engine/contact/sleeping_bodies.hpp"
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/mesh/side_by_side.hpp"
+#include "engine/tissue/link_energy.hpp"
 namespace trocar {
 namespace {
 
-constexpr uint32_t kMostRings = 6;      // added one by one before the whole body is held
-constexpr double kFreeShare = 0.49;     // of a distance that either side may go: below a half by what floats round
-constexpr double kFarthestLook = 0.75;  // of a mean edge: farther parts need not be looked for, as none goes half of this
+constexpr uint32_t kMostRings = 6;       // added one by one before the whole body is held
+constexpr double kFreeShare = 0.49;      // of a distance that either side may go: below a half by what floats round
+constexpr double kFarthestLook = 0.75;   // of a mean edge: farther parts need not be looked for, as none goes half of this
+constexpr double kClearance = 1e-4;      // of a mean edge, between faces that are parted: some hundred times the rounding of floats
+constexpr uint32_t kPartingRounds = 16;  // of parting what crosses: parting some faces may push others together
+constexpr uint32_t kPartingSweeps = 40;
+constexpr uint32_t kBrakedRings = 3;  // around what was parted, braked first where that stretched it
 
 // A body whose surface crosses itself at the end of a pass.
 struct CrossedBody {
@@ -25,12 +30,20 @@ struct CrossedBody {
     uint32_t first;  // of its particles
 
     Float4* offset() const { return particles.offset.data() + first; }
+    Vec3d velocity(uint32_t v) const {
+        return {particles.velocity_x[first + v], particles.velocity_y[first + v], particles.velocity_z[first + v]};
+    }
+    void set_velocity(uint32_t v, const Vec3d& to) const {
+        particles.velocity_x[first + v] = static_cast<float>(to.x());
+        particles.velocity_y[first + v] = static_cast<float>(to.y());
+        particles.velocity_z[first + v] = static_cast<float>(to.z());
+    }
 };
 
 double energy_of(const EnergyInputs& inputs, uint32_t body, BodyEnergyScratch& scratch) {
     Energy sum;
     add_body_energy(inputs, body, scratch, sum);
-    return sum.kinetic + sum.elastic + sum.pressure + sum.bending + sum.gravity;
+    return sum.kinetic + sum.elastic + sum.pressure + sum.bending + sum.gravity + energy_of_links(inputs, body, body);
 }
 
 void hold_vertex(uint32_t v, HeldSurfacesScratch& scratch) {
@@ -122,12 +135,14 @@ void measure_free_paths(const CrossedBody& b, HeldSurfacesScratch& scratch) {
 
 // How vertices are held.
 struct Attempt {
+    bool parts;   // faces that cross are parted; otherwise they go back along their displacement
     bool turn;    // what is held may turn as a rigid body; otherwise it only shifts
     double part;  // of the free paths; 0: the whole body goes back to where it started
 };
 // In this order: the first that adds no energy is taken, or else that which adds least. A patch that turns keeps its angular momentum, but
 // where a body is pressed from outside, as by what it is linked to, that may stretch it more than a shift does.
-constexpr Attempt kAttempts[] = {{true, 1.0}, {true, 0.25}, {false, 1.0}, {false, 0.25}, {true, 0}, {false, 0}};
+constexpr Attempt kAttempts[] = {{true, true, 1},      {false, true, 1.0}, {false, true, 0.25}, {false, false, 1.0},
+                                 {false, false, 0.25}, {false, true, 0},   {false, false, 0}};
 
 // Leaves the held vertices within their free paths, those times a part, from where they were, moved along rigidly with all that are held.
 void put_back(const CrossedBody& b, const Attempt& attempt, HeldSurfacesScratch& scratch) {
@@ -157,15 +172,8 @@ void put_back(const CrossedBody& b, const Attempt& attempt, HeldSurfacesScratch&
 // angular momentum with the places before (scratch.reached) and after.
 void slow_down(const CrossedBody& b, std::span<const uint32_t> vertices, bool turn, const HeldSurfacesScratch& scratch) {
     if (vertices.empty()) return;
-    Particles& p = b.particles;
-    const auto velocity = [&](uint32_t v) {
-        return Vec3d(p.velocity_x[b.first + v], p.velocity_y[b.first + v], p.velocity_z[b.first + v]);
-    };
-    const auto set = [&](uint32_t v, const Vec3d& to) {
-        p.velocity_x[b.first + v] = static_cast<float>(to.x());
-        p.velocity_y[b.first + v] = static_cast<float>(to.y());
-        p.velocity_z[b.first + v] = static_cast<float>(to.z());
-    };
+    const auto velocity = [&](uint32_t v) { return b.velocity(v); };
+    const auto set = [&](uint32_t v, const Vec3d& to) { b.set_velocity(v, to); };
     if (!all_free(b, vertices)) {
         for (const uint32_t v : vertices) set(v, double{scratch.share[v]} * velocity(v));
         return;
@@ -216,14 +224,10 @@ bool may_cross(const CrossedBody& b, const HeldSurfacesScratch& scratch, const s
 
 // Finds the faces that cross and should not. Returns whether there are any.
 bool find_new_crossings(const CrossedBody& b, HeldSurfacesScratch& scratch) {
-    if (!scratch.tangled) {
-        find_crossing_faces(b.mesh.triangle, b.offset(), scratch.crossing, scratch.faces);
-        return !scratch.faces.empty();
-    }
     find_crossing_pairs(b.mesh.triangle, b.offset(), scratch.crossing, scratch.pairs);
+    if (scratch.tangled) std::erase_if(scratch.pairs, [&](const auto& pair) { return may_cross(b, scratch, pair); });
     scratch.faces.clear();
-    for (const auto& pair : scratch.pairs)
-        if (!may_cross(b, scratch, pair)) scratch.faces.push_back(pair[0]), scratch.faces.push_back(pair[1]);
+    for (const auto& pair : scratch.pairs) scratch.faces.push_back(pair[0]), scratch.faces.push_back(pair[1]);
     return !scratch.faces.empty();
 }
 
@@ -246,6 +250,75 @@ bool hold_parts(const CrossedBody& b, const Attempt& attempt, HeldSurfacesScratc
     return !crossed;
 }
 
+void put_place(const Vec3d& place, Float4& p) {
+    p.x = static_cast<float>(place.x()), p.y = static_cast<float>(place.y()), p.z = static_cast<float>(place.z());
+}
+
+// Parts the faces that cross and should not, and stops their approach. Returns whether nothing crosses that should not.
+bool part_crossings(const CrossedBody& b, HeldSurfacesScratch& scratch) {
+    const size_t vertices = b.mesh.position.size();
+    scratch.parted.clear(), scratch.place.resize(vertices);
+    for (uint32_t v = 0; v < vertices; ++v) scratch.place[v] = at(scratch.reached[v]);
+    const PartedSurface surface{b.mesh.triangle, b.start, scratch.place, kClearance * b.mesh.info->mean_edge};
+    bool crossed = find_new_crossings(b, scratch);
+    for (uint32_t round = 0; crossed && round < kPartingRounds; ++round) {
+        for (const auto& pair : scratch.pairs) add_parted(surface, pair, scratch.parted);
+        part_corners(surface, scratch.parted, kPartingSweeps);
+        for (uint32_t v = 0; v < vertices; ++v) put_place(scratch.place[v], b.offset()[v]);
+        crossed = find_new_crossings(b, scratch);
+    }
+    if (crossed) return false;
+    scratch.free_velocity.resize(vertices);
+    for (uint32_t v = 0; v < vertices; ++v) scratch.free_velocity[v] = b.velocity(v);
+    stop_approach(surface, scratch.parted, scratch.free_velocity);
+    for (uint32_t v = 0; v < vertices; ++v) b.set_velocity(v, scratch.free_velocity[v]);
+    return true;
+}
+
+// Brakes vertices, relative to their common rigid motion, by no more than takes what the energy of the body is above `most` (J).
+// Returns whether that sufficed.
+bool brake(const EnergyInputs& inputs, const CrossedBody& b, std::span<const uint32_t> vertices, double most,
+           HeldSurfacesScratch& scratch) {
+    std::vector<Vec3d>& velocity = scratch.free_velocity;
+    velocity.resize(b.start.size());
+    for (const uint32_t v : vertices) velocity[v] = b.velocity(v);
+    const auto energy_with = [&](double share) {
+        for (const uint32_t v : vertices) b.set_velocity(v, velocity[v]), scratch.share[v] = static_cast<float>(share);
+        slow_down(b, vertices, true, scratch);
+        return energy_of(inputs, b.body, scratch.energy);
+    };
+    const double still = energy_with(0);
+    if (still > most) return false;
+    const double half = energy_with(0.5), whole = energy_with(1);
+    if (whole <= most) return true;
+    // still + a share + c share^2
+    const double c = 2 * (whole - 2 * half + still), a = whole - still - c, root = std::sqrt(std::max(0.0, a * a + 4 * c * (most - still)));
+    for (double share = c > 0 ? std::clamp((root - a) / (2 * c), 0.0, 1.0) : 0.0; energy_with(share) > most && share > 0;)
+        share = share > 0.01 ? 0.99 * share : 0;  // rounding of floats
+    return true;
+}
+
+// Parts what crosses, and pays for what that stretches with motion. Returns whether nothing crosses that should not.
+bool part_and_brake(const EnergyInputs& inputs, const CrossedBody& b, double before, HeldSurfacesScratch& scratch) {
+    scratch.held.assign(b.start.size(), 0);
+    scratch.share.assign(b.start.size(), 1);
+    scratch.vertex.clear();
+    if (!part_crossings(b, scratch)) return false;
+    for (const PartedCorners& c : scratch.parted)
+        for (uint32_t k = 0; k < c.count[0] + c.count[1]; ++k) hold_vertex(c.vertex[k], scratch);
+    const size_t parted = scratch.vertex.size();
+    if (energy_of(inputs, b.body, scratch.energy) > before) {
+        for (uint32_t ring = 0; ring < kBrakedRings; ++ring) hold_ring(b, scratch);
+        if (!brake(inputs, b, scratch.vertex, before, scratch)) {
+            hold_every_vertex(b, scratch);
+            brake(inputs, b, scratch.vertex, before, scratch);
+        }
+    }
+    scratch.share.assign(b.start.size(), 1);  // for Report::held_vertices
+    for (const uint32_t v : std::span(scratch.vertex).first(parted)) scratch.share[v] = 0;
+    return true;
+}
+
 void hold_body(const EnergyInputs& inputs, const CrossedBody& b, HeldSurfacesScratch& scratch) {
     const double before = energy_of(inputs, b.body, scratch.energy);
     Particles& p = b.particles;
@@ -255,7 +328,7 @@ void hold_body(const EnergyInputs& inputs, const CrossedBody& b, HeldSurfacesScr
         const auto from = rows(axis == 0 ? p.velocity_x : axis == 1 ? p.velocity_y : p.velocity_z);
         scratch.velocity[axis].assign(from.begin(), from.end());
     }
-    measure_free_paths(b, scratch);
+    scratch.free_path.clear();
     const auto start_again = [&] {
         std::ranges::copy(scratch.reached, b.offset());
         for (size_t axis = 0; axis < 3; ++axis)
@@ -263,12 +336,14 @@ void hold_body(const EnergyInputs& inputs, const CrossedBody& b, HeldSurfacesScr
     };
     const auto hold = [&](const Attempt& attempt) {
         start_again();
+        if (attempt.parts) return part_and_brake(inputs, b, before, scratch);
+        if (scratch.free_path.empty()) measure_free_paths(b, scratch);
         if (attempt.part > 0) return hold_parts(b, attempt, scratch);
         hold_all(b, attempt.turn, scratch);
         return true;
     };
     double least = std::numeric_limits<double>::infinity();
-    Attempt best{false, 0};
+    Attempt best{false, false, 0};
     for (const Attempt& attempt : kAttempts) {
         if (!hold(attempt)) continue;
         const double energy = energy_of(inputs, b.body, scratch.energy);
@@ -307,10 +382,14 @@ void note_start(const Surfaces& s, const Springs& springs, const Sleep& sleep, S
     }
 }
 
-void hold_surfaces(const SelfContactStart& start, const Meshes& meshes, const EnergyInputs& inputs, bool account_energy,
+void hold_surfaces(const SelfContactStart& start, const Meshes& meshes, const EnergyInputs& inputs, const Sleep& sleep, bool account_energy,
                    HeldSurfacesScratch& scratch, HeldSurfacesState state) {
     scratch.before = state.crossed;
     state.crossed.body.clear(), state.crossed.other.clear();
+    for (size_t i = 0; i < scratch.before.body.size(); ++i)
+        if (const uint32_t body = scratch.before.body[i];
+            body == scratch.before.other[i] && is_asleep(sleep, body) && std::ranges::find(start.body, body) == start.body.end())
+            state.crossed.body.push_back(body), state.crossed.other.push_back(body);
     for (size_t i = 0; i < start.body.size(); ++i) {
         const uint32_t body = start.body[i];
         const Range range = start.particles[i];
@@ -326,6 +405,7 @@ void hold_surfaces(const SelfContactStart& start, const Meshes& meshes, const En
         if (crossings == 0 || !find_new_crossings(b, scratch)) continue;
         const double energy = account_energy ? energy_of(inputs, body, scratch.energy) : 0;
         hold_body(inputs, b, scratch);
+        stretch_links(inputs, body);
         state.report.held_vertices += std::ranges::count_if(scratch.vertex, [&](uint32_t v) { return scratch.share[v] < 1; });
         if (account_energy) state.energy.work_numeric += energy_of(inputs, body, scratch.energy) - energy;
     }

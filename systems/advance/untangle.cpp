@@ -5,13 +5,17 @@
 
 #include "engine/contact/contact_constraints.hpp"
 #include "engine/contact/sleeping_bodies.hpp"
+#include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/predicates.hpp"
+#include "engine/tissue/link_energy.hpp"
 namespace trocar {
 namespace {
 
-constexpr double kMostShift = 0.05;    // of a mean edge, of a vertex in a pass: 6 edges/s at 120 Hz
-constexpr double kLeastSlope = 0.1;    // cosine of edge and normal, below which the gradient grows no more
-constexpr double kFullGradient = 0.3;  // gradients above this take the whole step
+constexpr double kMostShift = 0.05;       // of a mean edge, of a vertex in a pass: 6 edges/s at 120 Hz
+constexpr double kLeastSlope = 0.1;       // cosine of edge and normal, below which the gradient grows no more
+constexpr double kFullGradient = 0.3;     // gradients above this take the whole step
+constexpr double kLeastShare = 1.0 / 16;  // of the shifts, that is tried
+constexpr double kSpark = 0.0025;         // of a mean edge, by which springs may be longer than what the surface has as energy allows
 
 Vec3d place(const SideBySide& s, uint32_t v) { return {s.position[v].x, s.position[v].y, s.position[v].z}; }
 
@@ -77,15 +81,16 @@ Energy energy_with(const EnergyInputs& inputs, uint32_t body, uint32_t other, Bo
     Energy sum;
     add_body_energy(inputs, body, scratch, sum);
     if (other != body) add_body_energy(inputs, other, scratch, sum);
+    sum.links = energy_of_links(inputs, body, other);
     return sum;
 }
 
-double own_energy(const Energy& e) { return e.kinetic + e.elastic + e.pressure + e.bending; }
+double own_energy(const Energy& e) { return e.kinetic + e.elastic + e.pressure + e.bending + e.links; }
 
-// Energy of a surface whose springs are all longer by kMostShift of a mean edge, J.
+// Energy of a surface whose springs are all longer by kSpark of a mean edge, J.
 double most_energy(const Surfaces& s, uint32_t body) {
     const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
-    const double stretch = kMostShift * mesh.info->mean_edge;
+    const double stretch = kSpark * mesh.info->mean_edge;
     return 0.5 * double{s.bodies.spring_stiffness[body]} * stretch * stretch * static_cast<double>(mesh.edge.size());
 }
 
@@ -107,18 +112,26 @@ void draw_apart(const TangledSurfaces& t, uint32_t body, uint32_t other, Untangl
     sum_shifts(kMostShift * std::min(edge_of(body), edge_of(other)), s);
     const Energy before = energy_with(t.inputs, body, other, s.energy);
     s.offset.resize(s.surface.position.size());
-    each_shifted(bodies, body, other, s, [&](uint32_t v, uint32_t particle) {
-        Float4& p = particles.offset[particle];
-        s.offset[v] = p;
-        p.x = static_cast<float>(p.x + s.shift[v].x()), p.y = static_cast<float>(p.y + s.shift[v].y());
-        p.z = static_cast<float>(p.z + s.shift[v].z());
-    });
-    const Energy after = energy_with(t.inputs, body, other, s.energy);
-    const double most = most_energy(t.surfaces, body) + (other != body ? most_energy(t.surfaces, other) : 0);
-    if (!(own_energy(after) <= std::max(own_energy(before), most))) {  // stays crossed
+    each_shifted(bodies, body, other, s, [&](uint32_t v, uint32_t particle) { s.offset[v] = particles.offset[particle]; });
+    const double most = std::max(own_energy(before), most_energy(t.surfaces, body) + (other != body ? most_energy(t.surfaces, other) : 0));
+    Energy after;
+    double share = 1;
+    for (; share >= kLeastShare; share *= 0.5) {
+        each_shifted(bodies, body, other, s, [&](uint32_t v, uint32_t particle) {
+            const Float4& from = s.offset[v];
+            const Vec3d shift = share * s.shift[v];
+            particles.offset[particle] = {static_cast<float>(from.x + shift.x()), static_cast<float>(from.y + shift.y()),
+                                          static_cast<float>(from.z + shift.z()), from.w};
+        });
+        after = energy_with(t.inputs, body, other, s.energy);
+        if (own_energy(after) <= most) break;
+    }
+    if (share < kLeastShare) {  // stays crossed
         each_shifted(bodies, body, other, s, [&](uint32_t v, uint32_t particle) { particles.offset[particle] = s.offset[v]; });
         return;
     }
+    stretch_links(t.inputs, body);
+    if (other != body) stretch_links(t.inputs, other);
     report.untangled_edges += s.edges.size();
     if (t.account_energy) energy.work_push += own_energy(after) + after.gravity - own_energy(before) - before.gravity;
 }
@@ -151,7 +164,12 @@ void untangle(const TangledSurfaces& t, UntangleScratch& scratch, Particles& par
             (before && cross(body, other, at_start(body), at_start(other))))
             crossed.body.push_back(body), crossed.other.push_back(other);
     }
-    for (size_t i = 0; i < crossed.body.size(); ++i) draw_apart(t, crossed.body[i], crossed.other[i], scratch, particles, energy, report);
+    const auto sleeps = [&](size_t i, const CrossedSurfaces& c) { return is_asleep(t.sleep, c.body[i]) && is_asleep(t.sleep, c.other[i]); };
+    for (size_t i = 0; i < t.before.body.size(); ++i)
+        if (t.before.body[i] != t.before.other[i] && sleeps(i, t.before))
+            crossed.body.push_back(t.before.body[i]), crossed.other.push_back(t.before.other[i]);
+    for (size_t i = 0; i < crossed.body.size(); ++i)
+        if (!sleeps(i, crossed)) draw_apart(t, crossed.body[i], crossed.other[i], scratch, particles, energy, report);
 }
 
 }  // namespace trocar

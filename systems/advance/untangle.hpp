@@ -42,15 +42,18 @@ struct TangledSurfaces {
 };
 
 // Draws surfaces apart that cross. Adds to `crossed`, which has the bodies that cross themselves, the pairs of sheets with
-// self-contact that cross each other; then moves every edge that goes through a face, relative to that face, so that the contour of
-// the crossing becomes shorter (intersection contour minimization: Volino and Magnenat-Thalmann, 2006): for each face beside the edge
-// with unit vectors E along the edge, N normal to the face that is crossed and R along the contour away from the edge, by a part of
+// self-contact that cross each other, those that sleep so too; then moves every edge that goes through a face, relative to that face, so
+// that the contour of the crossing becomes shorter (intersection contour minimization: Volino and Magnenat-Thalmann, 2006): for each face
+// beside the edge with unit vectors E along the edge, N normal to the face that is crossed and R along the contour away from the edge, by a
+// part of
 //     R - (E.R) / (E.N) N,
 // the gradient of the contour's length. A vertex moves by a twentieth of a mean edge in a pass at most, both sides by their inverse masses,
-// so that the centre of mass stays; velocities are kept. Surfaces stay where they are while moving them would bring their energy (of motion,
-// springs, pressure and bending) above what it is and above that of springs all longer by a twentieth of an edge: untangling never adds more.
-// The energy that enters by stretching is booked as work_push, and edges that move are counted in Report::untangled_edges. What touches on both sides of a contour is left out of self-contact in the next pass. A contour that ends on
-// rims at both ends, or is as long whatever moves, may stay; it is counted as crossing.
+// so that the centre of mass stays; velocities are kept. A half, a quarter and so on of that is tried, and at last surfaces stay where they
+// are, while moving them would bring their energy (of motion, springs, pressure, bending and links) above what it is and above that of
+// springs all longer by 1/400 of an edge: untangling never adds more, and what is crossed at rest stays so, counted.
+// The energy that enters by stretching is booked as work_push, and edges that move are counted in Report::untangled_edges. What touches on
+// both sides of a contour is left out of self-contact in the next pass. A contour that ends on rims at both ends, or is as long whatever
+// moves, may stay; it is counted as crossing.
 void untangle(const TangledSurfaces& tangled, UntangleScratch& scratch, Particles& particles, Energy& energy, Report& report,
               CrossedSurfaces& crossed);
 

@@ -228,7 +228,7 @@ void contact_memory(World& w, FrameState&) { remember_contacts(w.contact_constra
 void self_contact_forces(World& w, FrameState&) { remember_self_contacts(w.contact_constraints, w.self_contacts); }
 void held_surfaces(World& w, FrameState& f) {
     f.scratch.untangle.before = w.crossed_surfaces;
-    hold_surfaces(w.self_contact_start, w.meshes, energy_inputs(w), f.options.account_energy, f.scratch.held_surfaces,
+    hold_surfaces(w.self_contact_start, w.meshes, energy_inputs(w), w.sleep, f.options.account_energy, f.scratch.held_surfaces,
                   {w.particles, w.energy, w.report, w.crossed_surfaces});
     const Surfaces surfaces = surfaces_of(w);
     const EnergyInputs energy = energy_inputs(w);
@@ -438,8 +438,8 @@ constexpr FrameStage kStages[] = {
         mask(R::kContactMemory)}, any_mover},
     {S::kSelfContactForces,P::kAdvance, {"self-contact forces",run<stages::self_contact_forces>,mask(R::kContactConstraints),
         mask(R::kSelfContacts)}, any_self_contact},
-    {S::kHeldSurfaces,    P::kAdvance,  {"held surfaces",   run<stages::held_surfaces>,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kSelfContactStart, R::kPairs, R::kSleep, R::kActions, R::kActionState, R::kRelaxation),
-        mask(R::kParticles, R::kCrossedSurfaces, R::kEnergy, R::kReport)}, any_self_contact},
+    {S::kHeldSurfaces,    P::kAdvance,  {"held surfaces",   run<stages::held_surfaces>,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kSelfContactStart, R::kPairs, R::kSleep, R::kActions, R::kActionState, R::kRelaxation),
+        mask(R::kParticles, R::kLinks, R::kCrossedSurfaces, R::kEnergy, R::kReport)}, any_self_contact},
     {S::kLinkForces,      P::kAdvance,  {"link forces",     run<stages::link_forces>,       mask(R::kClock, R::kTools, R::kActions),
         mask(R::kLinks, R::kActionState, R::kToolState)}, any_link},
     {S::kHandForces,      P::kAdvance,  {"hand forces",     run<stages::hand_forces>,       mask(R::kClock, R::kTools),

@@ -1,45 +1,12 @@
 #include "systems/output/deformable_energy.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 #include "engine/jobs/parallel.hpp"
 #include "engine/mesh/surfaces.hpp"
 #include "engine/motion/node_drive.hpp"
-#include "engine/tissue/embedded_surface.hpp"
+#include "engine/tissue/link_energy.hpp"
 namespace trocar {
-namespace {
-
-struct LinkEnd {
-    Vec3d place, velocity;  // m, m/s
-};
-
-LinkEnd end_of_link(const EnergyInputs& in, uint32_t body, uint32_t node, const Vec3d& point) {
-    const Poses& poses = in.poses;
-    if (body == kNone) return {point, Vec3d::Zero()};  // of the world
-    if (!is_deformable(in.bodies, body)) {
-        const Vec3d arm = rotate(poses.orientation[body], point);
-        return {poses.origin[body] + arm, poses.velocity[body] + poses.angular_velocity[body].cross(arm)};
-    }
-    const Particles& p = in.particles;
-    const uint32_t at =
-        in.bodies.particles[body].first + (in.other.solids ? embedded_count(*in.other.solids, in.bodies.mesh[body]) : 0) + node;
-    const Float4& o = p.offset[at];
-    return {poses.origin[body] + Vec3d(o.x, o.y, o.z), {p.velocity_x[at], p.velocity_y[at], p.velocity_z[at]}};
-}
-
-// m^2/s^2, of a link; of one without rest length, of its vector.
-double squared_stretch_rate(const EnergyInputs& in, const LinkGroup& g, uint32_t link) {
-    const Links& links = *in.other.links;
-    const LinkEnd near = end_of_link(in, g.body, links.node[link], Vec3d::Zero()),
-                  far = end_of_link(in, g.holder, links.far_node[link], links.point[link]);
-    const Vec3d rate = far.velocity - near.velocity, along = far.place - near.place;
-    if (links.rest[link] == 0) return rate.squaredNorm();
-    const double length = along.norm();
-    return length > 0 ? std::pow(rate.dot(along) / length, 2) : 0.0;
-}
-
-}  // namespace
 
 void measure_energy(const EnergyInputs& inputs, EnergyStart& start, EnergyScratch& scratch, Energy& energy,
                     const SleepingBodies& sleeping_bodies) {
