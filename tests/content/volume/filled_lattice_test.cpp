@@ -135,6 +135,22 @@ struct BuiltSolid {
     }
 };
 
+// A wall of little more than a cell, which stuffing refuses, keeps its volume.
+TEST(FilledLattice, ThinWallsAreFilled) {
+    const Mesh wall = make_shape("hernia_wall", 3000, 1);
+    AdvanceScene scene;
+    const SolidOptions stuffed{.cells = 10, .skin = true};
+    SolidOptions filled = stuffed;
+    filled.filled = true;
+    EXPECT_THROW(make_solid(scene.meshes, scene.springs, scene.solids, wall, {}, stuffed), InputError);
+    const Prototype made = make_solid(scene.meshes, scene.springs, scene.solids, wall, {}, filled);
+    ASSERT_NE(made.row, kNone);
+    double volume = 0;
+    for (const double v : scene.solids.node_volume) volume += v;
+    const double exact = enclosed(wall).volume;
+    EXPECT_NEAR(volume, exact, 1e-9 * exact);
+}
+
 // However thin the slivers are that the surface cuts, the step is at least that of a whole tetrahedron with kLeastShare of its mass at
 // each corner, with the room for large shapes that the engine leaves.
 TEST(FilledLattice, NoCutMakesTheStepCollapse) {
