@@ -15,6 +15,7 @@
 #include "engine/files/text_file.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/jobs/thread_pool.hpp"
+#include "systems/app/commands/speed_command.hpp"
 #include "systems/app/console/command_pool.hpp"
 #include "systems/app/console/commands.hpp"
 #include "systems/app/console/format.hpp"
@@ -133,13 +134,15 @@ void add_run(CLI::App& app, int& code) {
                     "view without --seconds 72000: what is kept must not grow for ever)")
         ->check(CLI::Range(int64_t{0}, int64_t{1'000'000'000}));
     run->add_option("--replay", o->replay,
-                    "Repeat a live run in lockstep from its live.recording (of a run with --view: with what viewers did), with the same scene and --set; exit code 1 "
+                    "Repeat a live run in lockstep from its live.recording (of a run with --view: with what viewers did), with the same "
+                    "scene and --set; exit code 1 "
                     "unless the result is bit-identical")
         ->excludes(live)
         ->excludes(seconds);
     run->add_option("--capture", o->capture,
                     "Write captures/*.cap into the folder for: 5-25 (contact passes), worst, over=33 (ms), nan, counter=NAME, "
-                    "usr1, view (a button of the live view); several joined by commas. worst and over ignore the first eight passes, over keeps the worst ten, nan the first "
+                    "usr1, view (a button of the live view); several joined by commas. worst and over ignore the first eight passes, over "
+                    "keeps the worst ten, nan the first "
                     "ten; read "
                     "them with `trocar capture` and `trocar replay`")
         ->check(CLI::Validator([](const std::string& text) { return std::string(text.empty() ? "it is empty" : ""); }, "TRIGGERS"));
@@ -356,27 +359,55 @@ void add_scene(CLI::App& app, int& code) {
 
 void add_soak(CLI::App& app, int& code) {
     const auto o = std::make_shared<SoakOptions>();
-    CLI::App* soak = app.add_subcommand("soak", "Run a scene repeatedly for minutes and test for drift");
-    soak->add_option("scene", o->scene, "Scene file, or the name of a scene that `trocar scenes` lists")->required();
-    soak->add_option("--minutes", o->minutes, "Duration, minutes (default 10)")->check(CLI::PositiveNumber);
+    CLI::App* soak = app.add_subcommand("soak", "Run scenes repeatedly for minutes and test for drift");
+    soak->add_option("scene", o->scenes, "Scene files, or names of scenes that `trocar scenes` lists")->required();
+    soak->add_option("--minutes", o->minutes, "Duration, minutes, of all scenes together (default 10)")->check(CLI::PositiveNumber);
     soak->add_option("--seconds", o->seconds, "Simulated time of an episode, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
     soak->add_option("--faults", o->faults,
                      "Faults injected into every third episode, in turn: nan, blast (absurd velocities), pause (200 ms between two passes, "
                      "which must change nothing)")
         ->delimiter(',')
         ->check(CLI::IsMember({"nan", "blast", "pause"}));
-    soak->add_option("--out", o->out, "Folder for soak.json, soak.csv, soak.html, captures/");
+    soak->add_option(
+            "--hands", o->hands,
+            "Seed: every two episodes hands leave their paths by other smooth random ways, up to 5 mm; both episodes must end in the "
+            "same state")
+        ->check(CLI::Range(int64_t{0}, int64_t{1} << 40));
+    soak->add_option(
+        "--out", o->out,
+        "Folder for soak.json, soak.csv, soak.html, captures/; of several scenes a folder each, night.html with all beside the night "
+        "before, and nights.csv with a line per scene and night");
     add_sets(soak, o->overrides, "Change a key of the scene: KEY=VALUE, repeatable");
     add_threads(soak, o->threads);
     soak->add_flag("--json", o->json, "Print soak.json instead of a line per minute");
     run_with(soak, code, o, soak_command);
     soak->footer(
         "Example: trocar soak probe_on_liver --minutes 30 --faults nan,pause --out out/soak\n"
+        "A night: trocar soak palpate jaw_grasp wrl_pair --minutes 480 --hands 7 --out out/nights\n"
         "Every episode starts from the same state and must end in the same state. Rules: the lower bound of the drift (median\n"
         "slope, 95 % interval) of resident memory stays below 256 KiB a minute and of the heap below 64 KiB a minute, or below\n"
         "0.5 MiB in the whole run (so runs of less than two minutes detect only faster leaks); no file stays open; no particle is lost\n"
         "except by a fault, and then restored after one pass; the energy balance closes to 2 % of the largest energy; passes do not\n"
         "become 50 % slower. Exit code 1 with the reason when a rule is broken.");
+}
+
+void add_speed(CLI::App& app, int& code) {
+    const auto o = std::make_shared<SpeedOptions>();
+    CLI::App* speed = app.add_subcommand("speed", "Passes a second and state hashes of scenes, over numbers of threads, in one table");
+    speed->add_option("scene", o->scenes, "Scene files, or names of scenes that `trocar scenes` lists")->required();
+    speed->add_option("--threads", o->threads, "Numbers of threads, joined by commas (default: 1, 2, 4 ... up to all cores)")
+        ->delimiter(',')
+        ->check(CLI::Range(1, 1024));
+    speed->add_option("--seconds", o->seconds, "Simulated time of a run, s (default 1)")->check(CLI::Range(1e-3, 1e6));
+    speed->add_option("--repeat", o->repeat, "Runs of each, of which the fastest counts (default 3)")->check(CLI::Range(1, 1000));
+    add_sets(speed, o->overrides, "Change a key of every scene: KEY=VALUE, repeatable");
+    speed->add_flag("--json", o->json, "JSON");
+    run_with(speed, code, o, speed_command);
+    speed->footer(
+        "Example: trocar speed probe_on_liver palpate rigid_stack --threads 1,2\n"
+        "Only passes are timed: no pictures, files or figures. Exit code 1 when a scene does not end in the same state with every number "
+        "of\n"
+        "threads and in every run.");
 }
 
 void add_sweep(CLI::App& app, int& code) {
@@ -631,8 +662,9 @@ void describe(CLI::App& app, int& code) {
     app.set_version_flag("--version", [] { return version_text(); });
     app.require_subcommand(1);
     app.set_help_all_flag("--help-all", "Help of every command");
-    for (const auto add : {add_run, add_check, add_query, add_collide, add_convert, add_view, add_organ, add_scene, add_soak, add_sweep,
-                           add_fit, add_tune, add_replay, add_capture, add_score, add_compare, add_exercise, add_device, add_scenes})
+    for (const auto add :
+         {add_run,   add_check, add_query, add_collide, add_convert, add_view,  add_organ,   add_scene,    add_soak,   add_speed,
+          add_sweep, add_fit,   add_tune,  add_replay,  add_capture, add_score, add_compare, add_exercise, add_device, add_scenes})
         add(app, code);
 }
 

@@ -2,10 +2,14 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
+#include <ctime>
 #include <filesystem>
+#include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -80,6 +84,30 @@ uint32_t lost_particles(const World& world) {
     return lost;
 }
 
+// Splitmix64 (Steele et al. 2014): a number in [-1, 1].
+double random_share(uint64_t& state) {
+    state += 0x9e3779b97f4a7c15ull;
+    uint64_t z = state;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull, z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
+    return static_cast<double>(static_cast<int64_t>((z ^ (z >> 31)) >> 11)) / static_cast<double>(int64_t{1} << 52) - 1;
+}
+
+// Hands leave their paths: every key of a tool's path by up to kStray, of which each keeps half of the one before, so that ways are smooth.
+void stray(const Paths& as_given, uint64_t seed, World& world) {
+    constexpr double kStray = 0.005;  // m: what a hand misses a place by
+    uint64_t state = seed;
+    world.paths = as_given;
+    for (size_t p = 0; p < world.paths.body.size(); ++p) {
+        const bool is_tool = std::ranges::any_of(world.haptics.tool, [&](const HandTool& t) { return t.path == p; });
+        if (!is_tool) continue;
+        Vec3d off = Vec3d::Zero();
+        for (uint32_t k = world.paths.keys[p].first; k < world.paths.keys[p].end(); ++k) {
+            for (double& x : off) x = 0.5 * x + 0.5 * kStray * random_share(state);
+            world.paths.key[k].position += off;
+        }
+    }
+}
+
 // Runs one scene repeatedly from its first state to its end.
 class Soaker {
  public:
@@ -88,12 +116,14 @@ class Soaker {
         start_.kind = "state";
         save_resources(frame.world(), ResourceKind::kState, start_);
         save_resources(frame.world(), ResourceKind::kAccounts, start_);
+        paths_ = frame.world().paths;
     }
     Episode run(uint64_t number, Soak& soak) {
         World& world = frame_.world();
         load_resources(start_, ResourceKind::kState, world);
         load_resources(start_, ResourceKind::kAccounts, world);
-        if (recorder_) recorder_->forget();
+        if (options_.hands >= 0) stray(paths_, static_cast<uint64_t>(options_.hands) + number / 2, world);
+        if (recorder_) options_.hands >= 0 ? recorder_->constants_changed() : recorder_->forget();
         Episode e;
         const bool has_fault = !options_.faults.empty() && number % kFaultPeriod == kFaultPeriod - 1;
         // in turn: a second fault in the same pass would go unnoticed
@@ -141,6 +171,7 @@ class Soaker {
     double seconds_;
     FrameRecorder* recorder_;
     CaptureRecord start_;
+    Paths paths_;  // as the scene has them
 };
 
 nlohmann::ordered_json drift_json(const Drift& d) {
@@ -246,6 +277,7 @@ void run_soak(const SoakOptions& options, Soaker& soaker, Soak& soak, double& to
     Progress progress(soak.scene);
     soak.episode.reserve(kKeptEpisodes + 2);  // reserved, so that our own list does not look like a leak
     uint64_t printed = 0;
+    Episode twin;  // with random hands: the episode that the next one repeats
     do {
         Episode e = soaker.run(soak.episodes, soak);
         if (stop_signal() != 0 && !soak.episode.empty()) break;  // the episode is incomplete
@@ -253,7 +285,9 @@ void run_soak(const SoakOptions& options, Soaker& soaker, Soak& soak, double& to
         ++soak.episodes, soak.passes += e.passes, soak.lost += e.lost, soak.pass_minutes += e.pass_s / 60;
         if (soak.episode.empty() || e.minute >= static_cast<double>(soak.episode.size()) * options.minutes / kKeptEpisodes)
             soak.episode.push_back(e);
-        judge_episode(e, soak.episode.front(), soak);
+        const bool is_second = soak.episodes % 2 == 0 && !twin.with_fault;
+        judge_episode(e, options.hands < 0 ? soak.episode.front() : is_second ? twin : e, soak);
+        twin = e;
         progress.show(std::min(1.0, e.minute / options.minutes), std::to_string(soak.episodes) + " episodes");
         if (!options.json && static_cast<uint64_t>(e.minute) > printed) {
             printed = static_cast<uint64_t>(e.minute);
@@ -319,8 +353,8 @@ struct SoakRun {
     double told = -1;  // the minute of the last line printed
 };
 
-SoakRun soak_once(const SoakOptions& options) {
-    const SceneFile file = read_scene_file(find_scene(options.scene), options.overrides);
+SoakRun soak_once(const SoakOptions& options, const std::string& name) {
+    const SceneFile file = read_scene_file(find_scene(name), options.overrides);
     if (!options.out.empty()) prepare_folder(options.out), prepare_folder(options.out / "captures");
     CommandPool pool(options.threads);
     SoakRun run;
@@ -370,9 +404,118 @@ int code_of(const Soak& soak, double minutes) {
 
 }  // namespace
 
+namespace {
+
+// One line of nights.csv: what one scene did in one night.
+struct NightLine {
+    std::string date, version, scene, broken;
+    uint64_t episodes = 0;
+    double minutes = 0, p99_ms = 0, resident = 0;  // median of the episodes' p99, ms; MiB at the end
+};
+
+NightLine night_line(const SoakRun& run, const std::string& date, const std::string& name) {
+    NightLine line{date, run.soak.version, name, run.soak.broken, run.soak.episodes, run.soak.minutes, 0, 0};
+    std::vector<double> p99;
+    for (const Episode& e : run.soak.episode) p99.push_back(e.p99_ms);
+    line.p99_ms = quantile(p99, 0.5), line.resident = run.soak.episode.back().resident;
+    return line;
+}
+
+std::string csv_line(NightLine line) {
+    for (char& c : line.broken)
+        if (c == ',' || c == '\n' || c == '"') c = ';';
+    return format("%s,%s,%s,%llu,%.3f,%.4f,%.2f,%s\n", line.date.c_str(), line.version.c_str(), line.scene.c_str(),
+                  static_cast<unsigned long long>(line.episodes), line.minutes, line.p99_ms, line.resident, line.broken.c_str());
+}
+
+constexpr const char* kNightHeader = "date,version,scene,episodes,minutes,p99_pass_ms,resident_mib,broken\n";
+
+// Lines of earlier nights; those that are none are left out.
+std::vector<NightLine> read_nights(const fs::path& file) {
+    std::vector<NightLine> lines;
+    std::ifstream in(file);
+    for (std::string text; std::getline(in, text);) {
+        std::vector<std::string> cell(1);
+        for (const char c : text) {
+            if (c == ',')
+                cell.emplace_back();
+            else
+                cell.back() += c;
+        }
+        if (cell.size() != 8 || cell[0] == "date") continue;
+        lines.push_back({cell[0], cell[1], cell[2], cell[7], std::strtoull(cell[3].c_str(), nullptr, 10),
+                         std::strtod(cell[4].c_str(), nullptr), std::strtod(cell[5].c_str(), nullptr),
+                         std::strtod(cell[6].c_str(), nullptr)});
+    }
+    return lines;
+}
+
+std::string night_page(const std::vector<NightLine>& before, const std::vector<NightLine>& now) {
+    std::string table =
+        "<table><tr><th>scene</th><th>episodes</th><th>minutes</th><th>p99 of a pass, ms</th><th>against the night before</th>"
+        "<th>resident, MiB</th><th>against the night before</th><th>verdict</th></tr>";
+    std::string plots;
+    for (const NightLine& line : now) {
+        const auto last = std::find_if(before.rbegin(), before.rend(), [&](const NightLine& b) { return b.scene == line.scene; });
+        const auto change = [&](double value, double earlier) {
+            return last == before.rend() || !(earlier > 0) ? std::string("-") : format("%+.1f %%", 100 * (value / earlier - 1));
+        };
+        const bool known = last != before.rend();
+        table += "<tr><td>" + escape_html(line.scene) +
+                 format("</td><td>%llu</td><td>%.1f</td><td>%.3f</td><td>", static_cast<unsigned long long>(line.episodes), line.minutes,
+                        line.p99_ms) +
+                 change(line.p99_ms, known ? last->p99_ms : 0) + format("</td><td>%.1f</td><td>", line.resident) +
+                 change(line.resident, known ? last->resident : 0) + "</td><td>" +
+                 escape_html(line.broken.empty() ? "sound" : line.broken) + "</td></tr>";
+        PlotSeries trend{line.scene, {}, {}};
+        for (const NightLine& b : before)
+            if (b.scene == line.scene) trend.x.push_back(static_cast<double>(trend.x.size())), trend.y.push_back(b.p99_ms);
+        trend.x.push_back(static_cast<double>(trend.x.size())), trend.y.push_back(line.p99_ms);
+        if (trend.x.size() > 1) plots += svg_plot({line.scene + ": p99 of a pass over nights", "night", "ms", {trend}});
+    }
+    return html_page("Soak", "<h1>Soak of " + escape_html(now.empty() ? "" : now.front().date) + "</h1>" + table + "</table>" + plots);
+}
+
+// Every scene for its share of the time, in a folder of its own, and one report.
+int soak_night(const SoakOptions& options) {
+    std::vector<NightLine> now;
+    const std::vector<NightLine> before = options.out.empty() ? std::vector<NightLine>{} : read_nights(options.out / "nights.csv");
+    const std::time_t start = std::time(nullptr);
+    std::array<char, 32> date{};
+    std::strftime(date.data(), date.size(), "%Y-%m-%dT%H:%M", std::localtime(&start));
+    SoakOptions own = options;
+    own.minutes = options.minutes / static_cast<double>(options.scenes.size());
+    int code = kDone;
+    for (const std::string& scene : options.scenes) {
+        const std::string name = fs::path(scene).stem().string();
+        if (!options.out.empty()) own.out = options.out / name;
+        if (!options.json) write_standard_output(name + "\n");
+        const SoakRun run = soak_once(own, scene);
+        if (!options.json) print_end(run);
+        now.push_back(night_line(run, date.data(), name));
+        code = std::max(code, code_of(run.soak, own.minutes));
+        if (stop_signal() != 0) break;
+    }
+    std::string table = kNightHeader;
+    if (options.json) {
+        for (const NightLine& line : now) table += csv_line(line);
+        write_standard_output(table);
+    }
+    if (options.out.empty()) return code;
+    table = kNightHeader;
+    for (const NightLine& line : before) table += csv_line(line);
+    for (const NightLine& line : now) table += csv_line(line);
+    write_whole_file(options.out / "nights.csv", table);
+    write_whole_file(options.out / "night.html", night_page(before, now));
+    return code;
+}
+
+}  // namespace
+
 int soak_command(const SoakOptions& options) {
     const StopOnSignal stop;
-    const SoakRun run = soak_once(options);
+    if (options.scenes.size() > 1) return soak_night(options);
+    const SoakRun run = soak_once(options, options.scenes.front());
     if (options.json)
         write_standard_output(soak_json(run.soak, run.drifts));
     else

@@ -169,11 +169,12 @@ int device_record_command(const DeviceOptions& options);
 std::string version_text();
 
 struct SoakOptions {
-    std::string scene;
+    std::vector<std::string> scenes;  // one after the other, each for its share of the minutes
     std::vector<Override> overrides;
     double minutes = 10;
     double seconds = 0;  // simulated, per episode; 0 = the scene's
     std::vector<std::string> faults;
+    int64_t hands = -1;         // seed: hands deviate at random from their paths, every two episodes anew; -1 = as the scene has them
     std::filesystem::path out;  // folder; empty = only print to standard output
     uint32_t threads = 0;
     bool json = false;
