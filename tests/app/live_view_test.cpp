@@ -445,7 +445,9 @@ TEST(LiveView, AClientThatStallsMakesTheServerKeepLittle) {
     }
     EXPECT_GT(starts, 2u) << "it fell behind";
     // the frames that wait, and as many that are being joined and written
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)  // they keep freed memory for a while
     EXPECT_LT(most - before, 3.0 * ViewServer::kMostWaiting * kBytes);
+#endif
     std::string message;
     size_t heard = 0;
     do {
