@@ -16,11 +16,12 @@ struct FilledLattice {
 };
 
 // Tetrahedra less full than this are left out. Their volume, with its first moment, goes to the fullest neighbour that shares
-// a face with them (else an edge, else a corner): the field of that neighbour, continued, stands for them (aggregation: Badia, Verdugo, Martin, "The aggregated unfitted finite element method for elliptic problems", CMAME
-// 336, 2018). Without it the surface over a sliver would hang on nodes that hardly anything holds. Tetrahedra that alone join parts
-// of the body stay. Measured at 0, 0.05, 0.15, 0.3, 0.5, neo-Hookean, nu = 0.45: a turned bar in bending is 9.8, 9.6, 8.6, 6.7, 3.9 % too
-// stiff, a turned block under its weight 0.5, 0.5, 0.6, 0.6, 0.8 % too soft with 1.7, 0.9, 1.3, 1.5, 2.4 % RMS at its surface; the lightest
-// node has 1e-9, 0.002, 0.006, 0.012, 0.018 of the mean mass; steps change by less than 12 %.
+// a face with them (else an edge, else a corner): the field of that neighbour, continued, stands for them (aggregation: Badia, Verdugo,
+// Martin, "The aggregated unfitted finite element method for elliptic problems", CMAME 336, 2018). Without it the surface over a sliver
+// would hang on nodes that hardly anything holds. Tetrahedra that alone join parts of the body stay. Measured at 0, 0.05, 0.15, 0.3, 0.5,
+// neo-Hookean, nu = 0.45: a turned bar in bending is 9.8, 9.6, 8.6, 6.7, 3.9 % too stiff, a turned block under its weight 0.5, 0.5, 0.6,
+// 0.6, 0.8 % too soft with 1.7, 0.9, 1.3, 1.5, 2.4 % RMS at its surface; the lightest node has 1e-9, 0.002, 0.006, 0.012, 0.018 of the mean
+// mass; steps change by less than 12 %.
 inline constexpr double kLeastFill = 0.15;
 
 // The enclosed volume of a tetrahedron is exact up to rounding: the surface is the signed sum of the prisms below its triangles, so
