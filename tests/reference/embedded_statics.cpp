@@ -1,6 +1,7 @@
 #include "tests/reference/embedded_statics.hpp"
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
