@@ -233,8 +233,7 @@ TROCAR_LANES void add_moving(double* sums, int half, const Lanes& p, const V* ve
 }
 
 // length - rest length of half-edges from h on, at offset - back * velocity
-TROCAR_LANES V stretch_of(const SpringStep* body, unsigned long h, const Lanes& p, const V* v) {
-    const V back = set(body->back);
+TROCAR_LANES V stretch_of(const SpringStep* body, V back, unsigned long h, const Lanes& p, const V* v) {
     const unsigned* far_end = body->neighbour + h;
     const Lanes q = gather4(body->offset, far_end);
     const V dx = subtract_product(q.x - p.x, back, gather(body->velocity_x, far_end) - v[0]);
@@ -244,13 +243,14 @@ TROCAR_LANES V stretch_of(const SpringStep* body, unsigned long h, const Lanes& 
 }
 
 void relaxing_sums(const SpringStep* body, unsigned first, unsigned last, double* sums) {
+    const V back = set(body->back);
     for (unsigned base = 16 * first; base < 16 * last; base += kWidth) {
         const unsigned slice = base / 16, lane = base % 16;
         const Lanes p = load4(body->offset + 4ul * base);
         const V v[3] = {load(body->velocity_x + base), load(body->velocity_y + base), load(body->velocity_z + base)};
         const unsigned long end = 16ul * body->slice_column[slice + 1];
         for (unsigned long h = 16ul * body->slice_column[slice] + lane; h < end; h += 16) {
-            const Relaxed branches = relaxed<false>(body, h - 16ul * body->first_column, stretch_of(body, h, p, v));
+            const Relaxed branches = relaxed<false>(body, h - 16ul * body->first_column, stretch_of(body, back, h, p, v));
             add_doubles(sums + lane, (branches.stored + branches.heat) * load(body->spring_factor + h));
         }
     }
@@ -266,7 +266,7 @@ void energy_sums(const SpringStep* body, unsigned first, unsigned last, double* 
         // springs: differences of places and of velocities first, both small
         const unsigned long end = 16ul * body->slice_column[body->other_law ? slice : slice + 1];
         for (unsigned long h = 16ul * body->slice_column[slice] + lane; h < end; h += 16) {
-            const V stretch = stretch_of(body, h, p, v);
+            const V stretch = stretch_of(body, back, h, p, v);
             const V factor = body->spring_factor ? load(body->spring_factor + h) : set(1.0f);
             add_doubles(sums + 16 * kSumStretch + lane, stretch * stretch * factor);
         }

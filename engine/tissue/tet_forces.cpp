@@ -158,16 +158,24 @@ double tet_energy(const TetStep& step, uint32_t nodes, const SolidModuli& moduli
     });
     parallel_for(step.tetrahedra, kChunk, [&](uint32_t begin, uint32_t end) {
         const Vec4d* const at = scratch.position.data();
-        double sum = 0;
-        for (uint32_t t = begin; t < end; ++t) {
-            if (step.rest[t] == 0) continue;
-            const Vec4d p = at[step.corner0[t]], a = at[step.corner1[t]] - p, b = at[step.corner2[t]] - p, c = at[step.corner3[t]] - p;
-            const double volume = dot(a, cross(b, c));
-            const auto product = [](Vec4d x, Vec4d y) { return dot(x, y); };
-            sum += (step.factor ? double{step.factor[t]} : 1.0) *
-                   (step.metric ? neo_hookean_energy(moduli, step, t, a, b, c, volume, product) : tet_energy(moduli, step.rest[t], volume));
-        }
-        scratch.sums[begin / kChunk] = sum;
+        // a loop of its own per law: the logarithm of one would keep the other's constants out of registers
+        const auto sum_of = [&](const auto& energy_of) {
+            double sum = 0;
+            for (uint32_t t = begin; t < end; ++t) {
+                if (step.rest[t] == 0) continue;
+                const Vec4d p = at[step.corner0[t]], a = at[step.corner1[t]] - p, b = at[step.corner2[t]] - p, c = at[step.corner3[t]] - p;
+                sum += (step.factor ? double{step.factor[t]} : 1.0) * energy_of(t, a, b, c, dot(a, cross(b, c)));
+            }
+            return sum;
+        };
+        const auto product = [](Vec4d x, Vec4d y) { return dot(x, y); };
+        double& sum = scratch.sums[begin / kChunk];
+        if (step.metric)
+            sum = sum_of([&](uint32_t t, Vec4d a, Vec4d b, Vec4d c, double volume) {
+                return neo_hookean_energy(moduli, step, t, a, b, c, volume, product);
+            });
+        else
+            sum = sum_of([&](uint32_t t, Vec4d, Vec4d, Vec4d, double volume) { return tet_energy(moduli, step.rest[t], volume); });
     });
     return std::accumulate(scratch.sums.begin(), scratch.sums.end(), 0.0);
 }

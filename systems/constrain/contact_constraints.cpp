@@ -278,7 +278,8 @@ bool make_constraint(const ContactInputs& in, const Contacts& contacts, const Pe
     } else if (in.params.deep == DeepResponse::kNone && normal.dot(lead) < 0) {
         return false;
     }
-    const Triangle& corner = mesh_view(surfaces.meshes, surfaces.bodies.mesh[other]).triangle[at.triangle];
+    const Meshes& meshes = surfaces.meshes;
+    const Triangle& corner = meshes.triangle[meshes.info[surfaces.bodies.mesh[other]].triangles.first + at.triangle];
     const Vec3d p = world_to_frame(surfaces, other, at.closest);
     constraints.contact[i] = i;
     constraints.body[i] = body;

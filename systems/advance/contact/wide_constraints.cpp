@@ -433,12 +433,14 @@ bool activate_wide_constraint(const AdvanceCall& call, const AdvanceState& state
     }
     wide_constraint.active = static_cast<uint8_t>(mask_bits(active));
     for (uint32_t k = 0; k < 3; ++k) wide_constraint.plane_weight[k] = keep(active, -closest.weight[k]);
-    const std::array<Vec4d, 3> correction_weight = correction_weights_of(wide_constraint, active);
-    wide_constraint.rest = -dot(wide_constraint.normal, weighted(correction_weight, a, b, c) + plane) - wide_constraint.offset;
+    wide_constraint.correction_weight = correction_weights_of(wide_constraint, active);
+    wide_constraint.rest =
+        -dot(wide_constraint.normal, weighted(wide_constraint.correction_weight, a, b, c) + plane) - wide_constraint.offset;
     Vec4d sum = {};
     for (uint32_t k = 0; k < kParts; ++k) {
-        const Vec4d lever = lever_of(wide_constraint, active, k);
-        sum += lever * lever * inv_mass_of(nodes, wide_constraint, k);
+        const Vec4d lever = lever_of(wide_constraint, active, k), inv_mass = inv_mass_of(nodes, wide_constraint, k);
+        sum += lever * lever * inv_mass;
+        wide_constraint.response[k] = lever * inv_mass;
     }
     wide_constraint.effective_mass = keep(active & (sum > 0), 1 / sum);
     wide_constraint.target_velocity = keep(active, -greatest(separation, Vec4d{}) / call.dt);
@@ -489,7 +491,7 @@ void solve_wide_constraint(double least_load_share, ContactNodeSet& nodes, WideC
     wide_constraint.friction_impulse = keep(active, friction);
     for (uint32_t k = 0; k < kMoving; ++k) {
         if (k == 1 && !kEdges) continue;
-        const std::array<Vec4d, 4> now = one_by_one(part[k] + (lever[k] * inv_mass_of(nodes, wide_constraint, k)) * impulse);
+        const std::array<Vec4d, 4> now = one_by_one(part[k] + wide_constraint.response[k] * impulse);
         for (uint32_t lane = 0; lane < 4; ++lane) nodes.node.velocity[wide_constraint.node[k][lane]] = now[lane];
     }
 }
@@ -497,9 +499,8 @@ void solve_wide_constraint(double least_load_share, ContactNodeSet& nodes, WideC
 // Separations at the end of the substep, as separation_after.
 Vec4d separations_after(const ContactSolver& solver, const ContactNodeSet& nodes, const WideConstraint& wide_constraint) {
     const auto corner = [&](uint32_t k) { return corner_of(solver, nodes, wide_constraint, k, &ContactNodes::after); };
-    const FourPoints plane_weight =
-        weighted(correction_weights_of(wide_constraint, mask_lanes(wide_constraint.active)), corner(0), corner(1), corner(2));
-    return dot(wide_constraint.normal, point_of(nodes, wide_constraint, &ContactNodes::after) + plane_weight) + wide_constraint.rest;
+    const FourPoints plane = weighted(wide_constraint.correction_weight, corner(0), corner(1), corner(2));
+    return dot(wide_constraint.normal, point_of(nodes, wide_constraint, &ContactNodes::after) + plane) + wide_constraint.rest;
 }
 
 // Whether a node has moved in this sweep or a later one.
@@ -520,12 +521,11 @@ bool push_block(const AdvanceCall& call, const ContactSolver& solver, const Cont
     if (!any(deep)) return false;
     const FourPoints displacement = keep(deep, least(overlap, all_lanes(sweep.most))) * wide_constraint.normal;
     const bool by_mass = call.params.contact.share == ResponseShare::kMass;
-    const std::array<Vec4d, 3> plane_weight = correction_weights_of(wide_constraint, active);
     Vec4d unit[kParts], lever[kParts], sum[2] = {}, scale[2];
     for (uint32_t k = 0; k < kParts; ++k) {
         const Vec4d inv_mass = inv_mass_of(nodes, wide_constraint, k);
         unit[k] = by_mass ? inv_mass : keep(inv_mass > 0, all_lanes(1));
-        lever[k] = k < 2 ? lever_of(wide_constraint, active, k) : plane_weight[k - 2];
+        lever[k] = k < 2 ? lever_of(wide_constraint, active, k) : wide_constraint.correction_weight[k - 2];
         sum[k >= 2] += lever[k] * lever[k] * unit[k];
     }
     if (by_mass) {
@@ -684,11 +684,9 @@ void warm_start_wide_constraints(const ConstraintGroup& group, ContactSolver& so
     for_active_wide(group, kSweepPart, solver, [&](const WideConstraint& wide_constraint) {
         if (!any(wide_constraint.normal_impulse > 0)) return;
         const FourPoints impulse = wide_constraint.normal_impulse * wide_constraint.normal + wide_constraint.friction_impulse;
-        const Mask4 active = mask_lanes(wide_constraint.active);
         for (uint32_t k = 0; k < parts_of(wide_constraint); ++k) {
             if (k == 1 && !wide_constraint.edges) continue;
-            add_to_part(wide_constraint, k, (lever_of(wide_constraint, active, k) * inv_mass_of(nodes, wide_constraint, k)) * impulse,
-                        &ContactNodes::velocity, nodes);
+            add_to_part(wide_constraint, k, wide_constraint.response[k] * impulse, &ContactNodes::velocity, nodes);
         }
     });
 }

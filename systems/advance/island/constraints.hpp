@@ -126,9 +126,11 @@ struct WideConstraint {
     uint8_t active = 0;                                // those that act in this substep, as do the fields below
     FourPoints normal;                                 // world
     std::array<Vec4d, 3> plane_weight;                 // weights of the corners in the relative velocity, negative; 0 if not active
+    std::array<Vec4d, 3> correction_weight;            // likewise in position corrections
     Vec4d rest = {};                                   // m, part of the separation besides the displacement from closest point to point
     Vec4d effective_mass = {};                         // kg, 1 / sum of weight^2 * inverse mass; 0 if not active
     Vec4d target_velocity = {};                        // m/s, along the normal
+    std::array<Vec4d, kParts> response;                // 1/kg, change of a part's velocity by an impulse
     Vec4d normal_impulse = {};                         // N s
     FourFloats friction = {};                          // coefficient, of the call
     FourFloats load = {}, load_share = {};             // N s; as in PreparedConstraint
