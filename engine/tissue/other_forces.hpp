@@ -4,6 +4,7 @@
 #include "components/nodes.hpp"
 #include "components/solids.hpp"
 #include "components/tears.hpp"
+#include "components/thread.hpp"
 #include "engine/tissue/holding_groups.hpp"
 namespace trocar {
 
@@ -19,6 +20,8 @@ struct OtherForces {
     NodeState* node_state = nullptr;
     const Actions* actions = nullptr;  // with the next one: what instruments do
     ActionState* action_state = nullptr;
+    const Threads* threads = nullptr;  // with the next one
+    ThreadState* thread_state = nullptr;
 };
 
 }  // namespace trocar

@@ -28,6 +28,7 @@ OtherForces other_forces(World& w) {
     if (!w.nodes.drive.empty()) other.nodes = &w.nodes, other.node_state = &w.node_state;
     if (!w.tears.body.empty()) other.tears = &w.tears, other.torn = &w.torn, other.torn_springs = &w.torn_springs;
     if (!w.actions.action.empty()) other.actions = &w.actions, other.action_state = &w.action_state;
+    if (!w.threads.thread.empty()) other.threads = &w.threads, other.thread_state = &w.thread_state;
     return other;
 }
 
