@@ -14,7 +14,6 @@ constexpr uint32_t kMostIterations = 40;
 constexpr double kConverged = 1e-10;       // m, largest change in an iteration: a tension of 1e-5 N in a piece of 1 mm
 constexpr double kFarthest = 0.5;          // of the spacing: most that an iteration moves a point
 constexpr uint32_t kMostKnots = 1;         // of a thread
-constexpr double kClosing = 0.05;          // m/s, at which a new knot draws its two strands together: slow for the thread, fast for a hand
 
 using Matrix = Eigen::Matrix3d;
 
@@ -334,7 +333,7 @@ double close_knot(Step& e, uint32_t stays, uint32_t slides) {
     if (!(left > 0)) return 0;
     const auto energy = [&] { return 0.5 * kKnotStiffness * (e.rod.position[slides] - e.rod.position[stays] - open).squaredNorm(); };
     const double before = energy();
-    open *= std::max(0.0, 1 - kClosing * e.dt / left);
+    open *= std::max(0.0, 1 - kClosingSpeed * e.dt / left);
     return energy() - before;
 }
 

@@ -17,6 +17,7 @@ struct OnSurface {
     uint32_t triangle = kNone;
     Vec3d weight = Vec3d::Zero();
     double side = 1;
+    Vec3d place = Vec3d::Zero();  // m, world
 };
 
 struct Corners {
@@ -48,8 +49,10 @@ Vec3d foot_weights(const Corners& c, const Vec3d& at) {
 // such place. Both ends are seen from the triangle as it was and as it is: heights over it are the same numbers at the end of one pass and at
 // the begin of the next, so that no passing is found twice or not at all.
 OnSurface find_crossing(const Surfaces& s, uint32_t body, std::span<const Vec3d> before, const Vec3d& from, const Vec3d& to) {
+    // Two triangles that turn or bend while the point passes their edge may each see it beside them, by a second-order part of an edge.
+    constexpr double kBesideEdge = 0.02;
     OnSurface best;
-    double first = 2;
+    double first = 2, inside = -kBesideEdge;
     const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
     for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
         const Corners was = corners_of(mesh.triangle[t], [&](uint32_t v) { return before[v]; });
@@ -57,11 +60,12 @@ OnSurface find_crossing(const Surfaces& s, uint32_t body, std::span<const Vec3d>
         const double a = was.normal.dot(from - was.at[0]), b = is.normal.dot(to - is.at[0]);
         if ((a < 0) == (b < 0)) continue;
         const double share = a / (a - b);
-        if (!(share < first)) continue;
         const Vec3d w = (1 - share) * foot_weights(was, from) + share * foot_weights(is, to);
-        if (w.minCoeff() < -1e-6) continue;  // through an edge: either triangle will do
-        first = share;
-        best = {t, w.cwiseMax(0.0) / w.cwiseMax(0.0).sum(), b < 0 ? -1.0 : 1.0};
+        const double least = std::min(w.minCoeff(), 0.0);
+        if (least < inside || (least == inside && share >= first)) continue;
+        inside = least, first = share;
+        const Vec3d weight = w.cwiseMax(0.0) / w.cwiseMax(0.0).sum();
+        best = {t, weight, b < 0 ? -1.0 : 1.0, weight[0] * is.at[0] + weight[1] * is.at[1] + weight[2] * is.at[2]};
     }
     return best;
 }
@@ -107,7 +111,7 @@ void make_holes(const ActionPass& pass, const Threads& threads, uint32_t index, 
             find_crossing(pass.world.surfaces, body, std::span(state.before).subspan(vertices.first, vertices.count), from, to);
         if (on.triangle == kNone) continue;
         const auto near = [&](const NeedleHole& hole, double side) {
-            return hole.sewn == n && hole.side == side && (sewn_place(pass, body, hole.node, hole.weight) - to).norm() < kWithdrawn;
+            return hole.sewn == n && hole.side == side && (sewn_place(pass, body, hole.node, hole.weight) - on.place).norm() < kWithdrawn;
         };
         // near a fold two triangles may see one passing in two passes
         if (std::ranges::any_of(state.hole, [&](const NeedleHole& hole) { return near(hole, on.side); })) continue;
@@ -121,7 +125,20 @@ void make_holes(const ActionPass& pass, const Threads& threads, uint32_t index, 
     }
 }
 
-// Puts the thread on a needle through a hole. False if there is no room.
+// The same at the time of the velocities, at which energies are measured.
+Vec3d sewn_place_at_velocity(const ActionPass& pass, uint32_t body, const std::array<uint32_t, 4>& node, const std::array<double, 4>& weight) {
+    const Surfaces& s = pass.world.surfaces;
+    const uint32_t first = s.bodies.particles[body].first + embedded_count(pass.world.solids, s.bodies.mesh[body]);
+    Vec3d rate = Vec3d::Zero();
+    for (uint32_t k = 0; k < 4 && node[k] != kNone; ++k) {
+        const uint32_t p = first + node[k];
+        rate += weight[k] * Vec3d(s.particles.velocity_x[p], s.particles.velocity_y[p], s.particles.velocity_z[p]);
+    }
+    return sewn_place(pass, body, node, weight) - 0.5 * s.particles.last_dt[body] * rate;
+}
+
+// Puts the thread on a needle through a hole. It is on the thread where the thread is, and steps draw the two together: at once it
+// would be stretched, or throw the tissue. False if there is no room.
 bool make_bite(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, const NeedleHole& hole, ThreadState& state,
                Energy& energy) {
     const SewnBody& sewn = threads.sewn[hole.sewn];
@@ -133,11 +150,11 @@ bool make_bite(const ActionPass& pass, const Vec3d& gravity, const Threads& thre
     ThreadHold hold;
     hold.thread = sewn.thread, hold.body = sewn.body, hold.action = sewn.action, hold.slides = true;
     hold.node = hole.node, hold.weight = hole.weight, hold.stiffness = sewn.stiffness;
-    hold.before = sewn_place(pass, sewn.body, hole.node, hole.weight);
-    const double upper = std::clamp((rod.position[last] - hold.before).norm(), 0.2 * piece, 0.5 * piece);
+    const Vec3d at = sewn_place_at_velocity(pass, sewn.body, hole.node, hole.weight);
+    const double upper = std::clamp((rod.position[last] - at).norm(), 0.2 * piece, 0.5 * piece);
     const double share = 1 - upper / piece;
-    // on the thread, so that it is not stretched at once
     const Vec3d place = rod.position[last - 1] + share * (rod.position[last] - rod.position[last - 1]);
+    hold.before = place, hold.point = place - at;
     const double had = energy_of_rod(thread, rod, state.hold, gravity).sum();
     state.hold.push_back(hold);
     const auto index = static_cast<uint32_t>(state.hold.size() - 1);
@@ -145,9 +162,6 @@ bool make_bite(const ActionPass& pass, const Vec3d& gravity, const Threads& thre
     if (!made) state.hold.pop_back();
     if (!made) return false;
     energy.work_numeric += energy_of_rod(thread, rod, state.hold, gravity).sum() - had;  // it does not bend at a bite
-    hold.stored = 0.5 * hold.stiffness * (place - hold.before).squaredNorm();
-    energy.work_links += hold.stored;
-    state.hold[index] = hold;
     return true;
 }
 
@@ -213,11 +227,12 @@ void wind(const Vec3d& gravity, const Threads& threads, uint32_t index, const Ve
     const double way = done.wound > 0 ? 1 : -1;
     done.wound -= 2 * std::numbers::pi * way;
     const auto knot = std::ranges::find_if(state.hold, [&](const ThreadHold& h) { return h.thread == index && h.slides && h.tied != kNone; });
-    if (knot == state.hold.end() && !tie_strands(gravity, thread, index, first, last - 1, threads.most_holds, state, energy)) {
+    const bool fresh = knot == state.hold.end();
+    if (fresh && !tie_strands(gravity, thread, index, first, last - 1, threads.most_holds, state, energy)) {
         ++progress.misfires;
         return;
     }
-    ThreadHold& slides = knot == state.hold.end() ? state.hold.back() : *knot;
+    ThreadHold& slides = fresh ? state.hold.back() : *knot;
     slides.squared += slides.throws > 0 && way != slides.way;
     ++slides.throws, slides.way = way, ++done.throws;
 }

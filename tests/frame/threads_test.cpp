@@ -64,7 +64,7 @@ bodies = "sheet"
 // Down through the sheet, up through it beside, and away until the thread is taut.
 std::string two_stitches() {
     return sewing(key(0, -0.0071, 0.008) + key(0.15, -0.0071, -0.008) + key(0.25, 0.0069, -0.008) + key(0.4, 0.0069, 0.012) +
-                  key(0.9, 0.0069, 0.043) + key(1.5, 0.0069, 0.043));
+                  key(0.9, 0.0069, 0.046) + key(1.5, 0.0069, 0.046));
 }
 
 const ThreadState& threads_of(const Frame& frame) { return frame.world().thread_state; }
@@ -86,7 +86,7 @@ TEST(Threads, ANeedleMakesStitchesAndTheHandFeelsThem) {
         for (uint32_t row = 1; row + 1 < s.count[0]; ++row) {
             if (s.held[row] == kNone) continue;
             const ThreadHold& bite = s.hold[s.held[row]];
-            if (!(std::min(bite.lower, bite.upper) > 1e-3)) continue;
+            if (!(std::min(bite.lower, bite.upper) > 1e-3) || !bite.point.isZero(0)) continue;  // still drawn to its hole
             const double grip = std::exp(w.threads.thread[0].friction * turn_at(s, row));
             EXPECT_LE(std::max(bite.lower, bite.upper) / std::min(bite.lower, bite.upper), 1.02 * grip) << pass;
             ratio = std::max(ratio, std::max(bite.lower, bite.upper) / std::min(bite.lower, bite.upper) / grip);
@@ -121,6 +121,68 @@ TEST(Threads, ANeedleThatIsDrawnBackMakesNoStitch) {
         EXPECT_EQ(frame.world().action_state.progress[0].done, 0u);
     });
     EXPECT_TRUE(pierced);
+}
+
+// Every stitch is on a line of the mesh (y = 0), along which two triangles meet: each is counted once, in each direction.
+TEST(Threads, ANeedleAlongALineOfTheMeshMakesAsManyStitchesAsItPasses) {
+    std::string path = key(0, -0.0071, 0.008);
+    for (int k = 0; k < 6; ++k) {
+        const double x = -0.0071 + 0.0025 * k, t = 0.3 * k;
+        path += key(t + 0.1, x, k % 2 ? 0.008 : -0.008) + key(t + 0.2, x + 0.0025, k % 2 ? 0.008 : -0.008);
+    }
+    run(WrittenScene("along_a_line", sewing(path)).build().world, 120, [&](Frame& frame, int pass) {
+        if (pass != 119) return;
+        EXPECT_EQ(frame.world().action_state.progress[0].done, 6u);
+        EXPECT_EQ(frame.world().action_state.progress[0].misfires, 0u);
+        EXPECT_TRUE(threads_of(frame).hole.empty());
+    });
+}
+
+// Two stitches, then the needle goes round the strand of the first end: 1.1 turns one way, 1.2 back, 1.2 forth again, as often as asked.
+std::string knotted(int throws) {
+    std::string path = key(0, -0.0071, 0.008) + key(0.15, -0.0071, -0.008) + key(0.25, 0.0069, -0.008) + key(0.4, 0.0069, 0.012);
+    double time = 0.5;
+    for (int k = 0; k <= 11 + 12 * (throws - 1); ++k) {
+        const int part = k <= 11 ? 0 : 1 + (k - 12) / 12;
+        const double turned = part == 0 ? 0.1 * k : part % 2 ? 1.1 - 0.1 * (k - 11 - 12 * (part - 1)) : -0.1 + 0.1 * (k - 11 - 12 * (part - 1));
+        const double angle = 2 * 3.14159265358979 * turned;
+        const Vec3d at(-0.012 + 0.008 * std::cos(angle), 0.008 * std::sin(angle), 0.011);
+        path += "[[tool.path]]\ntime = " + std::to_string(time) + "\nposition = [" + std::to_string(at.x()) + ", " + std::to_string(at.y()) +
+                ", " + std::to_string(at.z()) + "]\n";
+        time += 0.04;
+    }
+    path += key(time + 0.1, 0.01, 0.012) + key(time + 0.3, 0.015, 0.03) + key(time + 0.45, 0.015, 0.03) + key(time + 0.6, 0.005, 0.015) +
+            key(time + 1.0, 0.005, 0.015);
+    std::string text = sewing(path, "fixed = true\nfriction = 0.15\n");
+    const std::string from = "path = [[-0.0671, 0.0, 0.012]]";
+    return text.replace(text.find(from), from.size(), "path = [[-0.0171, 0.0, 0.03], [-0.06, 0.0, 0.03]]");
+}
+
+TEST(Threads, AHandThatWindsMakesThrowsAndThreeSquareOnesHoldWhatOneLetsGo) {
+    for (const int throws : {1, 3}) {
+        const int passes = static_cast<int>(60 * (0.5 + 0.04 * 12 * throws + 1.0));
+        double drawn = 0, most_work = 0, worst = 0, passed = 0;
+        run(WrittenScene("knotted", knotted(throws)).build().world, passes, [&](Frame& frame, int pass) {
+            const World& w = frame.world();
+            most_work = std::max(most_work, std::abs(w.energy.work_hand)), worst = std::max(worst, std::abs(w.energy.balance));
+            const auto knot = std::ranges::find_if(threads_of(frame).hold, [](const ThreadHold& h) { return h.slides && h.tied != kNone; });
+            if (knot == threads_of(frame).hold.end()) return;
+            if (pass == passes - 36) drawn = knot->upper, passed = knot->passed;
+            if (pass != passes - 1) return;
+            EXPECT_EQ(knot->throws, static_cast<uint32_t>(throws));
+            EXPECT_EQ(knot->squared, static_cast<uint32_t>(throws - 1));
+            EXPECT_EQ(w.thread_state.progress[0].throws, static_cast<uint64_t>(throws));
+            EXPECT_LT(knot->upper, 0.02) << "its end is loose";
+            std::printf("knot %d: drawn %.3f N, loop %.3f N, end %.4f N, passed %.3f mm after %.3f, balance %.3g of %.3g J\n", throws, drawn,
+                        knot->lower, knot->upper, 1e3 * knot->passed, 1e3 * passed, worst, most_work);
+            if (throws == 3) {
+                EXPECT_NEAR(knot->passed, passed, 1e-9);
+            } else {
+                EXPECT_LT(knot->lower, 0.1);
+            }
+        });
+        EXPECT_LT(worst, 1e-3 * most_work);
+    }
 }
 
 // Drawn on, a thread without a knot slides out of the tissue, and lets it go.

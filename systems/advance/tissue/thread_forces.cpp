@@ -55,7 +55,8 @@ Vec3d thread_place_at_kick(const AdvanceCall& call, const Particles& particles, 
     if (hold.body == kNone) return hold.point;
     const AdvanceBody& b = threaded_body(island, hold);
     const double ahead = b.synchronous() ? 0.5 * call.dt : 0.0;
-    return sum_held_nodes(hold, [&](uint32_t n) { return Vec3d(node_place(b, b.now, n) + ahead * node_velocity(particles, b, n)); });
+    return hold.point +
+           sum_held_nodes(hold, [&](uint32_t n) { return Vec3d(node_place(b, b.now, n) + ahead * node_velocity(particles, b, n)); });
 }
 
 // And at the time of the velocities.
@@ -65,7 +66,8 @@ Vec3d thread_place_at_velocity(const Particles& particles, const AdvanceIsland& 
     if (rigid != kNone) return to_vec3(island.rigid[rigid].pose[1](to_vec4(hold.point)));
     if (hold.body == kNone) return hold.point;
     const AdvanceBody& b = threaded_body(island, hold);
-    return sum_held_nodes(hold, [&](uint32_t n) { return Vec3d(node_place(b, b.next, n) - 0.5 * b.last_dt * node_velocity(particles, b, n)); });
+    return hold.point +
+           sum_held_nodes(hold, [&](uint32_t n) { return Vec3d(node_place(b, b.next, n) - 0.5 * b.last_dt * node_velocity(particles, b, n)); });
 }
 
 template <typename At>
@@ -86,6 +88,23 @@ double energy_of_thread(const AdvanceCall& call, const Thread& thread, const Rod
             sum += energy_of_touch(state.touch[t], rod.position[i], state.touch[t].before);
     }
     return sum;
+}
+
+// Draws a thread and the tissue of its new bites together. Returns the work of that, J.
+double close_bites(const AdvanceCall& call, const AdvanceIsland& island, const Rod& rod) {
+    double work = 0;
+    for (uint32_t i = 0; i < rod.count; ++i) {
+        const uint32_t h = rod.held[i];
+        if (h == kNone) continue;
+        ThreadHold& hold = call.inputs.other.thread_state->hold[h];
+        const double left = hold.point.norm();
+        if (!hold.slides || hold.body == kNone || island.threads.rigid[h] != kNone || !(left > 0)) continue;
+        const double before = energy_of_hold(hold.stiffness, rod.position[i] - hold.before);
+        const Vec3d closed = std::min(1.0, kClosingSpeed * call.dt / left) * hold.point;
+        hold.point -= closed, hold.before -= closed;
+        work += energy_of_hold(hold.stiffness, rod.position[i] - hold.before) - before;
+    }
+    return work;
 }
 
 void set_planes(const AdvanceCall& call, const Particles& particles, AdvanceIsland& island, const Rod& rod) {
@@ -177,6 +196,7 @@ void step_threads(const AdvanceCall& call, const Particles& particles, AdvanceIs
         ThreadState& state = *call.inputs.other.thread_state;
         const Thread& thread = call.inputs.other.threads->thread[index];
         Rod rod = rod_of(thread, index, state);
+        const double drawn = close_bites(call, island, rod);
         for (uint32_t i = 0; i < rod.count; ++i)
             if (const uint32_t h = rod.held[i]; h != kNone)
                 t.place[h] = thread_place_at_kick(call, particles, island, state.hold[h], t.rigid[h]);
@@ -193,7 +213,7 @@ void step_threads(const AdvanceCall& call, const Particles& particles, AdvanceIs
         ThreadProgress& progress = state.progress[index];
         if (account) {
             result.work_damping += step.damping_work, result.work_contact += step.friction_work + rubbed;
-            result.work_links += step.knot_work;
+            result.work_links += drawn + step.knot_work;
             result.work_numeric +=
                 energy_of_thread(call, thread, rod) - before - step.damping_work - step.friction_work - step.knot_work - rubbed;
         }
@@ -273,6 +293,9 @@ void finish_threads(const AdvanceCall& call, const Particles& particles, Advance
         const Vec3d place = thread_place_at_velocity(particles, island, hold, t.rigid[h]);
         const double energy = energy_of_hold(hold.stiffness, at - place), gained = energy - energy_of_hold(hold.stiffness, at - hold.before);
         if (t.rigid[h] != kNone) result.work_hand += gained;
+        // what leapfrog gives a body its spring loses; an implicit step is given the force at its middle
+        else if (hold.body != kNone && threaded_body(island, hold).synchronous())
+            result.work_numeric += gained + t.force[h].dot(place - hold.before);
         hold.before = place;
         hold.stored = energy + hold.stiffness * of_step(call, particles, island, hold, t.rigid[h], nullptr);
     }
