@@ -18,7 +18,8 @@ std::vector<Vec3d> points_along(const std::vector<Vec3d>& corners, double spacin
     size_t i = 1;
     for (size_t k = 1; k < pieces; ++k) {
         const double goal = length * static_cast<double>(k) / static_cast<double>(pieces);
-        while (i + 1 < corners.size() && passed + (corners[i] - corners[i - 1]).norm() < goal) passed += (corners[i] - corners[i - 1]).norm(), ++i;
+        while (i + 1 < corners.size() && passed + (corners[i] - corners[i - 1]).norm() < goal)
+            passed += (corners[i] - corners[i - 1]).norm(), ++i;
         const Vec3d way = corners[i] - corners[i - 1];
         points.push_back(corners[i - 1] + (goal - passed) / way.norm() * way);
     }
@@ -89,7 +90,8 @@ void add_sewn(const SceneFile& scene, const ActionSpec& spec, uint32_t index, Wo
         const uint32_t body = find_body(scene, spec.line, world, name, where);
         if (!is_deformable(world.bodies, body)) refuse(scene, spec.line, where + "body \"" + name + "\" must be deformable");
         // as of a staple: four times the springs of the tissue
-        const double stiffness = spec.action.stiffness > 0 ? spec.action.stiffness : 4 * static_cast<double>(world.bodies.spring_stiffness[body]);
+        const double stiffness =
+            spec.action.stiffness > 0 ? spec.action.stiffness : 4 * static_cast<double>(world.bodies.spring_stiffness[body]);
         const Surfaces surfaces = surfaces_of(world);
         const auto count = static_cast<uint32_t>(mesh_view(surfaces.meshes, surfaces.bodies.mesh[body]).position.size());
         world.threads.sewn.push_back({index, body, thread, stiffness, {static_cast<uint32_t>(world.thread_state.before.size()), count}});

@@ -12,8 +12,10 @@ std::vector<Vec3d> read_points(TomlSection& section, std::string_view key) {
     for (size_t i = 0; list && i < list->size(); ++i) {
         const toml::array* entry = (*list)[i].as_array();
         Vec3d point = Vec3d::Constant(std::nan(""));
-        for (size_t k = 0; entry && entry->size() == 3 && k < 3; ++k) point[static_cast<Eigen::Index>(k)] = (*entry)[k].value<double>().value_or(std::nan(""));
-        if (!point.allFinite() || point.cwiseAbs().maxCoeff() > 1e3) section.fail((*list)[i], std::string(key) + ": a point is [x, y, z] (m)");
+        for (size_t k = 0; entry && entry->size() == 3 && k < 3; ++k)
+            point[static_cast<Eigen::Index>(k)] = (*entry)[k].value<double>().value_or(std::nan(""));
+        if (!point.allFinite() || point.cwiseAbs().maxCoeff() > 1e3)
+            section.fail((*list)[i], std::string(key) + ": a point is [x, y, z] (m)");
         points.push_back(point);
     }
     if (points.empty()) section.fail(*node, std::string(key) + " is a list of points [x, y, z] (m)");
@@ -35,7 +37,8 @@ ThreadSpec read_thread(TomlSection section) {
     spec.end_given = spec.end.allFinite();
     if (spec.end_given && spec.tool.empty()) section.fail("end is where the thread hangs on its tool: it needs tool");
     spec.path = read_points(section, "path");
-    if (spec.path.size() < (spec.tool.empty() ? 2u : 1u)) section.fail("a [[thread]] needs path: points [x, y, z] (m, world) from its first end on");
+    if (spec.path.size() < (spec.tool.empty() ? 2u : 1u))
+        section.fail("a [[thread]] needs path: points [x, y, z] (m, world) from its first end on");
     section.read("fixed", spec.fixed);
     section.read("knot", t.knot);
     section.read("contact", t.contact);

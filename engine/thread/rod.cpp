@@ -7,13 +7,13 @@
 namespace trocar {
 namespace {
 
-constexpr uint32_t kHalfBand = 6;          // entries left of the diagonal: bending joins every point to the second next, axis by axis
+constexpr uint32_t kHalfBand = 6;  // entries left of the diagonal: bending joins every point to the second next, axis by axis
 constexpr uint32_t kWidth = kHalfBand + 1;
-constexpr double kShortest = 0.1;          // of the spacing: least piece beside a bite
+constexpr double kShortest = 0.1;  // of the spacing: least piece beside a bite
 constexpr uint32_t kMostIterations = 40;
-constexpr double kConverged = 1e-10;       // m, largest change in an iteration: a tension of 1e-5 N in a piece of 1 mm
-constexpr double kFarthest = 0.5;          // of the spacing: most that an iteration moves a point
-constexpr uint32_t kMostKnots = 1;         // of a thread
+constexpr double kConverged = 1e-10;  // m, largest change in an iteration: a tension of 1e-5 N in a piece of 1 mm
+constexpr double kFarthest = 0.5;     // of the spacing: most that an iteration moves a point
+constexpr uint32_t kMostKnots = 1;    // of a thread
 
 using Matrix = Eigen::Matrix3d;
 
@@ -161,7 +161,8 @@ void solve_band(const RodScratch& s, uint32_t rows, double* x) {
     }
     for (uint32_t r = rows; r-- > 0;) {
         double value = x[r] / s.band[size_t{r} * kWidth + kHalfBand];
-        for (uint32_t up = r + 1; up < std::min(rows, r + kWidth); ++up) value -= s.band[size_t{up} * kWidth + (r + kHalfBand - up)] * x[up];
+        for (uint32_t up = r + 1; up < std::min(rows, r + kWidth); ++up)
+            value -= s.band[size_t{up} * kWidth + (r + kHalfBand - up)] * x[up];
         x[r] = value;
     }
 }
@@ -192,7 +193,8 @@ void choose_flow(Step& e, uint32_t k) {
 void set_column(Step& e, uint32_t k, double* column) {
     const uint32_t b = e.s.bite[k];
     const Piece lower = piece_of(e.stiffness, e.rod, b - 1), upper = piece_of(e.stiffness, e.rod, b);
-    const double less = e.stiffness * lower.length / (lower.rest * lower.rest), more = e.stiffness * upper.length / (upper.rest * upper.rest);
+    const double less = e.stiffness * lower.length / (lower.rest * lower.rest),
+                 more = e.stiffness * upper.length / (upper.rest * upper.rest);
     for (uint32_t a = 0; a < 3; ++a) {
         column[3 * (b - 1) + a] = -less * lower.along[a];
         column[3 * b + a] = less * lower.along[a] + more * upper.along[a];
@@ -220,7 +222,8 @@ void set_small_row(Step& e, uint32_t k, uint32_t unknowns, const double* y, uint
     const double grip = e.s.grip[k];
     // equation: up T(upper) + down T(lower) = 0
     const double up = flow > 0 ? 1 : -(upper.tension > 0 ? grip : 1), down = flow > 0 ? -(lower.tension > 0 ? grip : 1) : 1;
-    const double less = e.stiffness * lower.length / (lower.rest * lower.rest), more = e.stiffness * upper.length / (upper.rest * upper.rest);
+    const double less = e.stiffness * lower.length / (lower.rest * lower.rest),
+                 more = e.stiffness * upper.length / (upper.rest * upper.rest);
     const double by_lower = down * e.stiffness / lower.rest, by_upper = up * e.stiffness / upper.rest;
     const auto along = [&](const double* x) {  // derivative of the equation in the direction x
         double sum = 0;
@@ -429,8 +432,8 @@ RodEnergy energy_of_rod(const Thread& thread, const Rod& rod, std::span<const Th
     return energy;
 }
 
-RodStep step_rod(const Thread& thread, const Vec3d& gravity, double dt, Rod rod, std::span<ThreadHold> holds,
-                 std::span<const Vec3d> places, std::span<const RodPlane> planes, RodScratch& scratch) {
+RodStep step_rod(const Thread& thread, const Vec3d& gravity, double dt, Rod rod, std::span<ThreadHold> holds, std::span<const Vec3d> places,
+                 std::span<const RodPlane> planes, RodScratch& scratch) {
     Step e{thread, gravity, dt, rod, holds, places, planes, scratch, stretch_stiffness(thread), flexural_rigidity(thread)};
     RodStep result;
     if (rod.count < 2) return result;
@@ -441,7 +444,8 @@ RodStep step_rod(const Thread& thread, const Vec3d& gravity, double dt, Rod rod,
         for (double change = 1; change > kConverged && result.iterations < kMostIterations; ++result.iterations) change = iterate(e);
     };
     solve();
-    if (result.iterations >= kMostIterations && !scratch.bite.empty()) {  // where bites go to and fro between sliding and sticking, they stick
+    if (result.iterations >= kMostIterations &&
+        !scratch.bite.empty()) {  // where bites go to and fro between sliding and sticking, they stick
         std::copy_n(scratch.start.begin(), n, rod.position.begin()), std::copy_n(scratch.start_material.begin(), n, rod.material.begin());
         e.stuck = true;
         solve();
@@ -478,7 +482,9 @@ void erase_row(Rod rod, uint32_t i) {
 
 bool insert_row(Rod rod, uint32_t i) {
     if (rod.count >= rod.material.size()) return false;
-    const auto open = [&](auto& column) { std::copy_backward(column.begin() + i, column.begin() + rod.count, column.begin() + rod.count + 1); };
+    const auto open = [&](auto& column) {
+        std::copy_backward(column.begin() + i, column.begin() + rod.count, column.begin() + rod.count + 1);
+    };
     open(rod.material), open(rod.position), open(rod.velocity), open(rod.held), open(rod.touching);
     rod.touching[i] = kNone;
     ++rod.count;

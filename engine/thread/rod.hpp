@@ -10,20 +10,20 @@ namespace trocar {
 // Points of one thread: its reserved rows, of which the first `count` are in use.
 struct Rod {
     uint32_t& count;
-    std::span<double> material;   // m
-    std::span<Vec3d> position;    // m
-    std::span<Vec3d> velocity;    // m/s
-    std::span<uint32_t> held;     // index of a hold, or kNone
-    std::span<uint32_t> touching; // index of a touch, or kNone
+    std::span<double> material;    // m
+    std::span<Vec3d> position;     // m
+    std::span<Vec3d> velocity;     // m/s
+    std::span<uint32_t> held;      // index of a hold, or kNone
+    std::span<uint32_t> touching;  // index of a touch, or kNone
 };
 Rod rod_of(const Thread& thread, uint32_t index, ThreadState& state);
 
 // A surface that keeps a point of the thread on one side: normal . x >= offset.
 struct RodPlane {
-    Vec3d normal = Vec3d::Zero();   // unit; zero = none
-    double offset = 0;              // m
-    Vec3d velocity = Vec3d::Zero(); // m/s, of the surface
-    double friction = 0;            // Coulomb coefficient
+    Vec3d normal = Vec3d::Zero();    // unit; zero = none
+    double offset = 0;               // m
+    Vec3d velocity = Vec3d::Zero();  // m/s, of the surface
+    double friction = 0;             // Coulomb coefficient
 };
 // Force of a plane on a point that was at `start` at the beginning of a step: a spring of kContactStiffness, and Coulomb's friction,
 // which grows linearly up to its bound over 1 mm/s.
@@ -52,26 +52,26 @@ double grip_of_knot(double friction, const ThreadHold& knot);
 
 // Reused memory of step_rod.
 struct RodScratch {
-    std::vector<double> band;                     // lower half of the matrix, row by row
-    std::vector<double> right;                    // right-hand sides: of the points, then one per sliding bite, three per knot
-    std::vector<double> rows;                     // of the bites: derivatives by the points beside them
-    std::vector<double> small;                    // the bites' own system
-    std::vector<double> slide;                    // m, changes of the bites
-    std::vector<uint32_t> bite;                   // points that are bites, or slide in a knot
-    std::vector<std::array<uint32_t, 2>> knot;    // points that are tied: that which stays, that which slides
-    std::vector<double> mass, start_material;     // kg, m
-    std::vector<Vec3d> start, goal;               // m
-    std::vector<int8_t> flow;                     // per bite: 1 = the thread moves towards the needle, -1 = away, 0 = it sticks
-    std::vector<double> grip;                     // exp(friction * wrap angle), per bite
+    std::vector<double> band;                   // lower half of the matrix, row by row
+    std::vector<double> right;                  // right-hand sides: of the points, then one per sliding bite, three per knot
+    std::vector<double> rows;                   // of the bites: derivatives by the points beside them
+    std::vector<double> small;                  // the bites' own system
+    std::vector<double> slide;                  // m, changes of the bites
+    std::vector<uint32_t> bite;                 // points that are bites, or slide in a knot
+    std::vector<std::array<uint32_t, 2>> knot;  // points that are tied: that which stays, that which slides
+    std::vector<double> mass, start_material;   // kg, m
+    std::vector<Vec3d> start, goal;             // m
+    std::vector<int8_t> flow;                   // per bite: 1 = the thread moves towards the needle, -1 = away, 0 = it sticks
+    std::vector<double> grip;                   // exp(friction * wrap angle), per bite
 };
 
 struct RodStep {
-    double friction_work = 0;   // J, of bites, <= 0
-    double damping_work = 0;    // J, <= 0
-    double knot_work = 0;       // J, that drew the strands of a new knot together
-    double largest_tension = 0; // N
+    double friction_work = 0;    // J, of bites, <= 0
+    double damping_work = 0;     // J, <= 0
+    double knot_work = 0;        // J, that drew the strands of a new knot together
+    double largest_tension = 0;  // N
     uint32_t iterations = 0;
-    bool finite = true;         // else the thread is as it was, at rest
+    bool finite = true;  // else the thread is as it was, at rest
 };
 
 // Energies of a thread, J.
@@ -95,8 +95,8 @@ double tension_of(const Thread& thread, const Rod& rod, uint32_t i);
 // thread does not bend. holds[k] is joined to places[k] by its spring. At a bite the tensions on both sides obey the capstan equation,
 // T' <= T exp(friction * angle) by which the thread turns there: the thread sticks below, slides at the bound. Where tension is below
 // zero there is no friction. planes: per touch of rod.touching.
-RodStep step_rod(const Thread& thread, const Vec3d& gravity, double dt, Rod rod, std::span<ThreadHold> holds,
-                 std::span<const Vec3d> places, std::span<const RodPlane> planes, RodScratch& scratch);
+RodStep step_rod(const Thread& thread, const Vec3d& gravity, double dt, Rod rod, std::span<ThreadHold> holds, std::span<const Vec3d> places,
+                 std::span<const RodPlane> planes, RodScratch& scratch);
 
 // Adds and removes points beside bites, so that their pieces stay between half and 1.75 times the spacing, and takes off bites
 // that the first end has left, if it bears no knot: they are marked as left. Returns the number of those.

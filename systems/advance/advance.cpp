@@ -442,9 +442,11 @@ void share_room(std::span<AdvanceScratch> scratches) {
     const auto threads = [](AdvanceScratch& s) -> IslandThreads& { return s.island.threads; };
     const auto rod = [](AdvanceScratch& s) -> RodScratch& { return s.island.threads.rod; };
     using H = IslandThreads;
-    level(threads, &H::thread, &H::row, &H::rigid, &H::place, &H::force, &H::kick, &H::touch_row, &H::touch_rigid, &H::touch_force, &H::touch_friction, &H::plane);
+    level(threads, &H::thread, &H::row, &H::rigid, &H::place, &H::force, &H::kick, &H::touch_row, &H::touch_rigid, &H::touch_force,
+          &H::touch_friction, &H::plane);
     using Q = RodScratch;
-    level(rod, &Q::band, &Q::right, &Q::small, &Q::slide, &Q::bite, &Q::mass, &Q::start_material, &Q::start, &Q::goal, &Q::flow, &Q::grip, &Q::knot);
+    level(rod, &Q::band, &Q::right, &Q::small, &Q::slide, &Q::bite, &Q::mass, &Q::start_material, &Q::start, &Q::goal, &Q::flow, &Q::grip,
+          &Q::knot);
     using C = ContactSolver;
     level(solver, &C::prepared, &C::wide_constraint, &C::fixed);
     using S = ContactSorting;

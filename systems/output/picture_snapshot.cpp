@@ -180,10 +180,11 @@ void copy_threads(const PictureInputs& in, PictureSnapshot& out) {
             Vec3d from = x[i];
             for (uint32_t part = 1; part <= kParts; ++part) {
                 const double u = static_cast<double>(part) / kParts;
-                const Vec3d to = part == kParts ? x[i + 1]
-                                                : Vec3d(0.5 * (2 * x[i] + u * (x[i + 1] - before) +
-                                                               u * u * (2 * before - 5 * x[i] + 4 * x[i + 1] - after) +
-                                                               u * u * u * (3 * x[i] - before - 3 * x[i + 1] + after)));
+                const Vec3d to =
+                    part == kParts
+                        ? x[i + 1]
+                        : Vec3d(0.5 * (2 * x[i] + u * (x[i + 1] - before) + u * u * (2 * before - 5 * x[i] + 4 * x[i + 1] - after) +
+                                       u * u * u * (3 * x[i] - before - 3 * x[i + 1] + after)));
                 out.rod.push_back({from, to, thread.radius, colour});
                 from = to;
             }

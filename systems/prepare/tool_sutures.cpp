@@ -46,8 +46,8 @@ Vec3d foot_weights(const Corners& c, const Vec3d& at) {
 }
 
 // Where a point that moved from `from`, when the surface's vertices were at `before`, to `to` passed through a body's surface; the first
-// such place. Both ends are seen from the triangle as it was and as it is: heights over it are the same numbers at the end of one pass and at
-// the begin of the next, so that no passing is found twice or not at all.
+// such place. Both ends are seen from the triangle as it was and as it is: heights over it are the same numbers at the end of one pass and
+// at the begin of the next, so that no passing is found twice or not at all.
 OnSurface find_crossing(const Surfaces& s, uint32_t body, std::span<const Vec3d> before, const Vec3d& from, const Vec3d& to) {
     // Two triangles that turn or bend while the point passes their edge may each see it beside them, by a second-order part of an edge.
     constexpr double kBesideEdge = 0.02;
@@ -101,8 +101,8 @@ Vec3d sewn_place(const ActionPass& pass, uint32_t body, const std::array<uint32_
 }
 
 // The needle's point makes holes.
-void make_holes(const ActionPass& pass, const Threads& threads, uint32_t index, const Vec3d& from, const Vec3d& to, ActionProgress& progress,
-            ThreadState& state) {
+void make_holes(const ActionPass& pass, const Threads& threads, uint32_t index, const Vec3d& from, const Vec3d& to,
+                ActionProgress& progress, ThreadState& state) {
     for (uint32_t n = 0; n < threads.sewn.size(); ++n) {
         if (threads.sewn[n].action != index) continue;
         const uint32_t body = threads.sewn[n].body;
@@ -126,7 +126,8 @@ void make_holes(const ActionPass& pass, const Threads& threads, uint32_t index, 
 }
 
 // The same at the time of the velocities, at which energies are measured.
-Vec3d sewn_place_at_velocity(const ActionPass& pass, uint32_t body, const std::array<uint32_t, 4>& node, const std::array<double, 4>& weight) {
+Vec3d sewn_place_at_velocity(const ActionPass& pass, uint32_t body, const std::array<uint32_t, 4>& node,
+                             const std::array<double, 4>& weight) {
     const Surfaces& s = pass.world.surfaces;
     const uint32_t first = s.bodies.particles[body].first + embedded_count(pass.world.solids, s.bodies.mesh[body]);
     Vec3d rate = Vec3d::Zero();
@@ -172,8 +173,8 @@ uint32_t find_row(const Rod& rod, const auto& is) {
 }
 
 // Ties the strand of the needle to that of the first end, beside the bites that they come out of. False if there is no room.
-bool tie_strands(const Vec3d& gravity, const Thread& thread, uint32_t index, uint32_t first, uint32_t last, uint32_t room, ThreadState& state,
-                 Energy& energy) {
+bool tie_strands(const Vec3d& gravity, const Thread& thread, uint32_t index, uint32_t first, uint32_t last, uint32_t room,
+                 ThreadState& state, Energy& energy) {
     Rod rod = rod_of(thread, index, state);
     const double near = 1.5 * thread.spacing;
     uint32_t stays = first;
@@ -226,7 +227,8 @@ void wind(const Vec3d& gravity, const Threads& threads, uint32_t index, const Ve
     if (std::abs(done.wound) < 2 * std::numbers::pi) return;
     const double way = done.wound > 0 ? 1 : -1;
     done.wound -= 2 * std::numbers::pi * way;
-    const auto knot = std::ranges::find_if(state.hold, [&](const ThreadHold& h) { return h.thread == index && h.slides && h.tied != kNone; });
+    const auto knot =
+        std::ranges::find_if(state.hold, [&](const ThreadHold& h) { return h.thread == index && h.slides && h.tied != kNone; });
     const bool fresh = knot == state.hold.end();
     if (fresh && !tie_strands(gravity, thread, index, first, last - 1, threads.most_holds, state, energy)) {
         ++progress.misfires;
@@ -238,8 +240,8 @@ void wind(const Vec3d& gravity, const Threads& threads, uint32_t index, const Ve
 }
 
 // The needle's blunt end takes the thread through the holes, in their order.
-void draw_through(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, uint32_t index, const Vec3d& end, ActionProgress& progress,
-                  ThreadState& state, Energy& energy) {
+void draw_through(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, uint32_t index, const Vec3d& end,
+                  ActionProgress& progress, ThreadState& state, Energy& energy) {
     const Surfaces& s = pass.world.surfaces;
     while (true) {
         const auto hole = std::ranges::find_if(state.hole, [&](const NeedleHole& h) { return threads.sewn[h.sewn].action == index; });
@@ -273,8 +275,8 @@ bool drop_left(ThreadState& state) {
 
 }  // namespace
 
-void sew(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, SewScratch& scratch, ActionState& actions, ThreadState& state, Sleep& sleep,
-         Energy& energy) {
+void sew(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, SewScratch& scratch, ActionState& actions,
+         ThreadState& state, Sleep& sleep, Energy& energy) {
     for (ThreadProgress& progress : state.progress) progress.stepped = false;
     for (ThreadHold& hold : state.hold) hold.impulse.setZero();
     const size_t before = state.hold.size();
@@ -300,8 +302,7 @@ void sew(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, S
     find_thread_contacts(pass, threads, scratch.contacts, state, energy);
     changed = changed || touched || !state.touch.empty() || state.hold.size() != before ||
               state.stable_dt.size() != pass.world.surfaces.bodies.mesh.size();
-    if (changed)
-        update_thread_limits(pass.world.surfaces.bodies, pass.world.solids, pass.world.surfaces.particles, scratch.limits, state);
+    if (changed) update_thread_limits(pass.world.surfaces.bodies, pass.world.solids, pass.world.surfaces.particles, scratch.limits, state);
     for (const ThreadHold& hold : state.hold)
         if (hold.body != kNone) wake_body(sleep, hold.body);
     for (const ThreadTouch& touch : state.touch) wake_body(sleep, touch.body);
@@ -312,8 +313,10 @@ void join_threaded_bodies(const Bodies& bodies, const ThreadState& state, std::v
         uint32_t first = kNone;
         const auto join = [&](const auto& at) {
             if (at.thread != thread || at.body == kNone || !joins_islands(bodies.motion[at.body]) || at.body == first) return;
-            if (first == kNone) first = at.body;
-            else if (joined.empty() || joined.back() != std::array<uint32_t, 2>{first, at.body}) joined.push_back({first, at.body});
+            if (first == kNone)
+                first = at.body;
+            else if (joined.empty() || joined.back() != std::array<uint32_t, 2>{first, at.body})
+                joined.push_back({first, at.body});
         };
         std::ranges::for_each(state.hold, join);
         std::ranges::for_each(state.touch, join);
@@ -401,8 +404,9 @@ void step_lone_threads(const ThreadsAlone& in, const Threads& threads, LoneThrea
                 const uint32_t h = rod.held[i];
                 if (h == kNone) continue;
                 ThreadHold& hold = state.hold[h];
-                const Vec3d goal = hold.body == kNone ? hold.point
-                                                      : Vec3d(in.poses.origin[hold.body] + rotate(in.poses.orientation[hold.body], hold.point));
+                const Vec3d goal = hold.body == kNone
+                                       ? hold.point
+                                       : Vec3d(in.poses.origin[hold.body] + rotate(in.poses.orientation[hold.body], hold.point));
                 scratch.place[h] = hold.before + (goal - hold.before) / (steps - k);
                 energy.work_hand += spring(hold, rod.position[i] - scratch.place[h]) - spring(hold, rod.position[i] - hold.before);
                 hold.before = scratch.place[h];

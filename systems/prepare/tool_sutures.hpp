@@ -12,15 +12,16 @@ namespace trocar {
 // bodies that they hold awake. Where the trigger of a suture is pulled and its point (the needle's) passes through a surface that it
 // sews, that leaves a hole; a point that comes back within kWithdrawn of the hole takes it with it. Once the needle's blunt end, `edge`,
 // has passed through the plane of the hole, the thread that hangs on the needle goes through it: a bite, joined to the three
-// vertices around the hole, or to the nodes of the nearest one where the surface is embedded. Holes and bites beyond those reserved are misfires.
-// Once round the strand between the first bite and the first end, if something holds that end, the needle makes a throw: the two strands
-// are tied beside their bites, by a knot that slips as grip_of_knot says. A throw round the other way than the one before is squared.
+// vertices around the hole, or to the nodes of the nearest one where the surface is embedded. Holes and bites beyond those reserved are
+// misfires. Once round the strand between the first bite and the first end, if something holds that end, the needle makes a throw: the two
+// strands are tied beside their bites, by a knot that slips as grip_of_knot says. A throw round the other way than the one before is
+// squared.
 struct SewScratch {
     ThreadContactScratch contacts;
     std::vector<double> limits;
 };
-void sew(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, SewScratch& scratch, ActionState& actions, ThreadState& state, Sleep& sleep,
-         Energy& energy);
+void sew(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, SewScratch& scratch, ActionState& actions,
+         ThreadState& state, Sleep& sleep, Energy& energy);
 inline constexpr double kWithdrawn = 1.5e-3;  // m
 // m, of the strand that is wound about, and of the needle from it: a hand that ties keeps within an instrument's jaws, which are 20 mm
 inline constexpr double kLeastStrand = 5e-3, kWindingReach = 20e-3;

@@ -49,7 +49,8 @@ const AdvanceBody& threaded_body(const AdvanceIsland& island, const At& hold) {
 
 // The body's point when its forces are found: as of a link (link_forces.cpp).
 template <typename At>
-Vec3d thread_place_at_kick(const AdvanceCall& call, const Particles& particles, const AdvanceIsland& island, const At& hold, uint32_t rigid) {
+Vec3d thread_place_at_kick(const AdvanceCall& call, const Particles& particles, const AdvanceIsland& island, const At& hold,
+                           uint32_t rigid) {
     if (rigid == kAwayBody) return hold.before;
     if (rigid != kNone) return to_vec3(island.rigid[rigid].pose[0](to_vec4(hold.point)));
     if (hold.body == kNone) return hold.point;
@@ -66,8 +67,9 @@ Vec3d thread_place_at_velocity(const Particles& particles, const AdvanceIsland& 
     if (rigid != kNone) return to_vec3(island.rigid[rigid].pose[1](to_vec4(hold.point)));
     if (hold.body == kNone) return hold.point;
     const AdvanceBody& b = threaded_body(island, hold);
-    return hold.point +
-           sum_held_nodes(hold, [&](uint32_t n) { return Vec3d(node_place(b, b.next, n) - 0.5 * b.last_dt * node_velocity(particles, b, n)); });
+    return hold.point + sum_held_nodes(hold, [&](uint32_t n) {
+               return Vec3d(node_place(b, b.next, n) - 0.5 * b.last_dt * node_velocity(particles, b, n));
+           });
 }
 
 template <typename At>
@@ -228,7 +230,8 @@ void add_thread_forces(const OtherForces& other, const AdvanceIsland& island, ui
     for (uint32_t h = 0; h < t.row.size(); ++h)
         if (t.row[h] != kNone && state.hold[h].body == body) add_force(state.hold[h].node, state.hold[h].weight, t.force[h], axis);
     for (uint32_t k = 0; k < t.touch_row.size(); ++k)
-        if (t.touch_row[k] != kNone && state.touch[k].body == body) add_force(state.touch[k].node, state.touch[k].weight, t.touch_force[k], axis);
+        if (t.touch_row[k] != kNone && state.touch[k].body == body)
+            add_force(state.touch[k].node, state.touch[k].weight, t.touch_force[k], axis);
 }
 
 double work_of_threads(const OtherForces& other, const AdvanceIsland& island, const AdvanceBody& b) {
@@ -291,7 +294,8 @@ void finish_threads(const AdvanceCall& call, const Particles& particles, Advance
         hold.impulse += t.kick[h] * t.force[h];
         const Vec3d& at = state.position[t.row[h]];
         const Vec3d place = thread_place_at_velocity(particles, island, hold, t.rigid[h]);
-        const double energy = energy_of_hold(hold.stiffness, at - place), gained = energy - energy_of_hold(hold.stiffness, at - hold.before);
+        const double energy = energy_of_hold(hold.stiffness, at - place),
+                     gained = energy - energy_of_hold(hold.stiffness, at - hold.before);
         if (t.rigid[h] != kNone) result.work_hand += gained;
         // what leapfrog gives a body its spring loses; an implicit step is given the force at its middle
         else if (hold.body != kNone && threaded_body(island, hold).synchronous())

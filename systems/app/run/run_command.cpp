@@ -119,7 +119,8 @@ ActionFigures action_figures(const World& w) {
         }
     }
     for (const ThreadProgress& p : w.thread_state.progress)
-        a.tension = std::max(a.tension, p.largest_tension), a.slipped_off += p.slipped_off, a.throws += p.throws, a.thread_friction -= p.friction_work;
+        a.tension = std::max(a.tension, p.largest_tension), a.slipped_off += p.slipped_off, a.throws += p.throws,
+        a.thread_friction -= p.friction_work;
     for (const ThreadHold& hold : w.thread_state.hold) a.drawn += hold.slides ? std::abs(hold.passed) : 0;
     for (const ToolGrasp& grasp : w.action_state.grasp) a.grip = std::max(a.grip, grasp.largest_force);
     for (const HeatBody& body : w.actions.heat_body)
@@ -180,7 +181,8 @@ void finish_figures(const Frame& frame, RunFigures& figures) {
     figures.actions = action_figures(w);
     figures.fluid = fluid_figures(w);
     for (const Lens& lens : w.lenses.lens)
-        figures.any_lens = true, figures.lens_film = lens.film, figures.lens_temperature = lens.temperature, figures.lens_wipes = lens.wipes;
+        figures.any_lens = true, figures.lens_film = lens.film, figures.lens_temperature = lens.temperature,
+        figures.lens_wipes = lens.wipes;
     if (!figures.live) {
         figures.ticks = w.haptics.ticks;
         figures.max_force = w.haptics.max_force;

@@ -19,7 +19,8 @@ struct TestRod {
     TestRod(uint32_t points, double spacing) {
         thread.spacing = spacing, thread.rows = {0, points + 60}, thread.most_bites = 10;
         state.count = {points};
-        state.material.resize(thread.rows.count), state.held.resize(thread.rows.count, kNone), state.touching.resize(thread.rows.count, kNone);
+        state.material.resize(thread.rows.count), state.held.resize(thread.rows.count, kNone),
+            state.touching.resize(thread.rows.count, kNone);
         state.position.resize(thread.rows.count, Vec3d::Zero()), state.velocity.resize(thread.rows.count, Vec3d::Zero());
         for (uint32_t i = 0; i < points; ++i) state.material[i] = i * spacing, state.position[i] = Vec3d(i * spacing, 0, 0);
     }
@@ -60,7 +61,8 @@ TEST(Rod, HangsAsACatenary) {
     }
     const double sag = low * (std::cosh(0.075 / low) - 1);
     EXPECT_NEAR(-t.state.position[50].z(), sag, 3e-3 * sag);
-    EXPECT_NEAR(tension_of(t.thread, t.rod(), 50), low * mass_per_length(t.thread) * kGravity, 5e-3 * low * mass_per_length(t.thread) * kGravity);
+    EXPECT_NEAR(tension_of(t.thread, t.rod(), 50), low * mass_per_length(t.thread) * kGravity,
+                5e-3 * low * mass_per_length(t.thread) * kGravity);
 }
 
 TEST(Rod, StretchesUnderItsOwnWeight) {
@@ -147,7 +149,8 @@ struct Capstan : TestRod {
     }
     double turn() {
         const uint32_t b = row_of(bite);
-        const Vec3d lower = (state.position[b] - state.position[b - 1]).normalized(), upper = (state.position[b + 1] - state.position[b]).normalized();
+        const Vec3d lower = (state.position[b] - state.position[b - 1]).normalized(),
+                    upper = (state.position[b + 1] - state.position[b]).normalized();
         return std::acos(lower.dot(upper));
     }
 };
@@ -236,9 +239,7 @@ struct TiedLoop : TestRod {
 };
 
 TEST(Rod, AKnotSlipsAtTheTensionThatItsThrowsHold) {
-    const struct {
-        uint32_t throws, squared;
-    } cases[] = {{1, 0}, {2, 0}, {3, 0}, {2, 1}};
+    const struct { uint32_t throws, squared; } cases[] = {{1, 0}, {2, 0}, {3, 0}, {2, 1}};
     for (const auto& [throws, squared] : cases) {
         TiedLoop t(throws, squared, false);
         const ThreadHold& knot = t.state.hold[t.knot];
@@ -255,9 +256,7 @@ TEST(Rod, AKnotSlipsAtTheTensionThatItsThrowsHold) {
 }
 
 TEST(Rod, ThreeSquareThrowsHoldFiveNewtonAndOneSlips) {
-    const struct {
-        uint32_t throws, squared;
-    } cases[] = {{1, 0}, {3, 2}, {3, 0}};
+    const struct { uint32_t throws, squared; } cases[] = {{1, 0}, {3, 2}, {3, 0}};
     for (const auto& [throws, squared] : cases) {
         TiedLoop t(throws, squared, true);
         const ThreadHold& knot = t.state.hold[t.knot];
