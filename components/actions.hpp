@@ -16,6 +16,7 @@ enum class ActionKind : uint8_t {
     kCauterise,  // heats the tissue at its point
     kIrrigate,   // lets water out at its point
     kSuck,       // takes in liquid and smoke near its point
+    kSuture,     // sews with a needle: its point makes holes in surfaces, and the thread follows where `edge`, its blunt end, goes through
 };
 
 inline bool is_nozzle(ActionKind kind) { return kind == ActionKind::kIrrigate || kind == ActionKind::kSuck; }

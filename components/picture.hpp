@@ -95,7 +95,7 @@ struct PictureSnapshot {
     std::vector<PictureWitness> witness;
     std::vector<PictureTool> tool;
     std::vector<PicturePoint> point;
-    std::vector<PictureRod> rod;  // staples
+    std::vector<PictureRod> rod;  // staples and threads
     std::vector<float> burnt;     // fraction of the tissue that coagulated, 0..1
     // Liquid on a vertex: thickness (m), height of its surface above the vertex (m), how level it stands (0..1), share of blood (0..1).
     std::vector<Float4> liquid;

@@ -13,10 +13,9 @@ ActionKind read_kind(TomlSection& section) {
     if (kind == "cauterise") return ActionKind::kCauterise;
     if (kind == "irrigate") return ActionKind::kIrrigate;
     if (kind == "suck") return ActionKind::kSuck;
-    const std::string kinds = "staple, cut, grasp, cauterise, irrigate, suck";
-    section.fail(kind.empty()       ? "a [[tool.action]] needs a kind: " + kinds
-                 : kind == "suture" ? "kind \"" + kind + "\" is not there yet; there are " + kinds
-                                    : "kind \"" + kind + "\" is none of " + kinds);
+    if (kind == "suture") return ActionKind::kSuture;
+    const std::string kinds = "staple, cut, grasp, cauterise, irrigate, suck, suture";
+    section.fail(kind.empty() ? "a [[tool.action]] needs a kind: " + kinds : "kind \"" + kind + "\" is none of " + kinds);
 }
 
 // An ascending list of times, s.
@@ -96,6 +95,14 @@ void read_cautery_action(TomlSection& section, ActionSpec& spec) {
     if (spec.bodies.empty()) section.fail("a cautery needs bodies: names of the deformable bodies that it heats");
 }
 
+void read_suture_action(TomlSection& section, ActionSpec& spec) {
+    section.read("thread", spec.thread);
+    section.read("bodies", spec.bodies);
+    section.read("stiffness", spec.action.stiffness, 1e-9, 1e12);
+    if (spec.thread.empty()) section.fail("a suture needs thread: the name of a [[thread]], which hangs on its tool");
+    if (spec.bodies.empty()) section.fail("a suture needs bodies: names of the deformable bodies that it sews");
+}
+
 void read_nozzle(TomlSection& section, ToolAction& action) {
     double rate = 0;
     section.read("rate", rate, 0, 1e6);
@@ -139,6 +146,9 @@ ActionSpec read_action(TomlSection section) {
         case ActionKind::kIrrigate:
         case ActionKind::kSuck:
             read_nozzle(section, spec.action);
+            break;
+        case ActionKind::kSuture:
+            read_suture_action(section, spec);
             break;
     }
     section.refuse_unknown();

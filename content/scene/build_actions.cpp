@@ -54,7 +54,7 @@ void add_action(const SceneFile& scene, const ActionSpec& spec, uint32_t tool, W
     actions.time.insert(actions.time.end(), spec.at.begin(), spec.at.end());
     const uint32_t index = static_cast<uint32_t>(actions.action.size());
     const std::string kind = action.kind == ActionKind::kCut ? "a cut: " : "a cautery: ";
-    for (const std::string& name : spec.bodies) {
+    for (const std::string& name : action.kind == ActionKind::kSuture ? std::vector<std::string>{} : spec.bodies) {  // of a suture: add_scene_threads
         const uint32_t body = find_body(scene, spec.line, world, name, kind);
         if (action.kind == ActionKind::kCauterise) {
             actions.heats.push_back({index, heat_body(scene, spec, body, world)});

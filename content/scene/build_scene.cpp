@@ -14,6 +14,7 @@
 #include "content/scene/build_fluids.hpp"
 #include "content/scene/build_links.hpp"
 #include "content/scene/build_nodes.hpp"
+#include "content/scene/build_threads.hpp"
 #include "content/scene/find_body.hpp"
 #include "content/scene/fit_tip.hpp"
 #include "content/scene/make_prototype.hpp"
@@ -637,6 +638,7 @@ BuiltScene build_scene(const SceneFile& given, Looks looks) {
     if (!world.haptics.jaw.empty()) keep_jaws_apart(world);
     add_scene_links(scene, world);
     add_scene_actions(scene, world);
+    add_scene_threads(scene, world);
     for (uint32_t body = 0; body < world.links.stable_dt.size(); ++body)
         if (world.links.stable_dt[body] < kLeastStep)
             refuse(scene, 1,

@@ -122,6 +122,7 @@ SceneFile read_scene(toml::table root, const std::filesystem::path& path, const 
     top.read_list("cut", scene.cuts, read_cut);
     top.read_table("fluid", scene.fluid, read_fluid);
     top.read_list("wound", scene.wounds, read_wound);
+    top.read_list("thread", scene.threads, read_thread);
     top.read_count("staples", scene.staples, 0, 1e6);
     std::vector<std::string> parameters;
     for (const SceneParameter& parameter : scene.parameters) parameters.push_back(parameter.name);

@@ -15,6 +15,7 @@
 #include "components/paths.hpp"
 #include "components/picture.hpp"
 #include "components/scene.hpp"
+#include "components/thread.hpp"
 #include "components/tool.hpp"
 #include "content/scene/attach_spec.hpp"
 #include "content/scene/node_spec.hpp"
@@ -84,7 +85,8 @@ struct ActionSpec {
     ToolAction action;                // its tool and times are set when it is built
     bool point_given = false;         // false: the tool's tip
     std::vector<double> at;           // s
-    std::vector<std::string> bodies;  // that a cut parts or cautery heats
+    std::vector<std::string> bodies;  // that a cut parts, cautery heats or a needle sews
+    std::string thread;               // of a suture
 };
 
 // One [[tool]]: a device that drives a hand body.
@@ -128,6 +130,19 @@ struct WoundSpec {
     double until = std::numeric_limits<double>::infinity();
 };
 
+// One [[thread]].
+struct ThreadSpec {
+    uint32_t line = 0;
+    Thread thread;                // without its tool and its rows
+    std::string tool;             // body of the tool that holds its needle, or empty
+    Vec3d end = Vec3d::Zero();    // m, frame of that body: where the thread hangs
+    bool end_given = false;       // false: the tool's tip
+    std::vector<Vec3d> path;      // m, world: from the first end; the needle's end follows
+    bool fixed = false;           // the first end stays where it is
+    double grip = 2000;           // N/m, of what holds an end
+    uint32_t bites = 32;          // for which there is room
+};
+
 // One entry of [parameters]: other keys use its value by writing "$name"; --set name=value changes it.
 struct SceneParameter {
     std::string name;
@@ -146,6 +161,7 @@ struct SceneFile {
     std::vector<CutSpec> cuts;
     FluidSpec fluid;
     std::vector<WoundSpec> wounds;
+    std::vector<ThreadSpec> threads;
     uint32_t staples = 0;  // room for links created by the program while the scene runs
     Camera camera;
     std::string camera_body;   // that holds it, or empty

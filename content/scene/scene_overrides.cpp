@@ -107,7 +107,7 @@ void apply_override(toml::table& root, const Override& o) {
     size_t next = 0;
     if (toml::table* parameters = root["parameters"].as_table(); words.size() == 1 && parameters && parameters->contains(o.key))
         table = parameters;
-    const bool named = words[0] == "link" || words[0] == "staple" || words[0] == "cut" || words[0] == "node" || words[0] == "wound";
+    const bool named = words[0] == "link" || words[0] == "staple" || words[0] == "cut" || words[0] == "node" || words[0] == "wound" || words[0] == "thread";
     if (words.size() > 2 && (words[0] == "tool" || named)) {
         table = named_table(root, words[0].c_str(), named ? "name" : "body", words[1]);
         if (!table)

@@ -15,6 +15,7 @@ LinkSpec read_staple(TomlSection section);
 CutSpec read_cut(TomlSection section);
 ActionSpec read_action(TomlSection section);
 WoundSpec read_wound(TomlSection section);
+ThreadSpec read_thread(TomlSection section);
 FluidSpec read_fluid(TomlSection section);
 NodeSpec read_node(TomlSection section);
 

@@ -5,6 +5,7 @@
 #include "components/relaxation.hpp"
 #include "components/solids.hpp"
 #include "components/tears.hpp"
+#include "components/thread.hpp"
 #include "engine/tissue/holding_groups.hpp"
 namespace trocar {
 
@@ -21,6 +22,8 @@ struct OtherForces {
     const Actions* actions = nullptr;  // with the next one: what instruments do
     ActionState* action_state = nullptr;
     Relaxation* relaxation = nullptr;  // advanced by the time steps of the bodies
+    const Threads* threads = nullptr;  // with the next one
+    ThreadState* thread_state = nullptr;
 };
 
 }  // namespace trocar

@@ -413,6 +413,7 @@ uint64_t state_hash(const World& world) {
         if (static_cast<Resource>(r) == Resource::kSelfContacts && world.self_contacts.body.empty()) continue;  // nothing touches itself
         if (static_cast<Resource>(r) == Resource::kFluidState && world.fluids.body.empty()) continue;           // nothing is wet
         if (static_cast<Resource>(r) == Resource::kRelaxation && world.relaxation.body.empty()) continue;       // nothing relaxes
+        if (static_cast<Resource>(r) == Resource::kThreadState && world.threads.thread.empty()) continue;  // nothing is sewn
         if (static_cast<Resource>(r) == Resource::kCrossedSurfaces && world.crossed_surfaces.body.empty()) continue;
         visit_resource(world, static_cast<Resource>(r), hasher);
     }

@@ -29,6 +29,7 @@
 #include "components/spawning.hpp"
 #include "components/springs.hpp"
 #include "components/tears.hpp"
+#include "components/thread.hpp"
 #include "engine/distance/closest_point.hpp"
 #include "engine/haptics/local_contact_model.hpp"
 #include "engine/jobs/job_graph.hpp"
@@ -51,6 +52,7 @@ struct World {
     Nodes nodes;
     Actions actions;
     Fluids fluids;
+    Threads threads;
     // state
     Clock clock;
     Poses poses;
@@ -68,6 +70,7 @@ struct World {
     NodeState node_state;
     ActionState action_state;
     FluidState fluid_state;
+    ThreadState thread_state;
     Lenses lenses;
     // known only to a live run and its replay, which restore them
     std::vector<DeviceState> live_devices;  // per tool, where the pass before led to; empty: there was none
@@ -175,7 +178,9 @@ struct CaptureRecord;
     R(kFluids, fluids, "fluids", kConstant)                                      \
     R(kFluidState, fluid_state, "fluid state", kState)                           \
     R(kCrossedSurfaces, crossed_surfaces, "crossed surfaces", kState)            \
-    R(kRelaxation, relaxation, "relaxation", kState)
+    R(kRelaxation, relaxation, "relaxation", kState)                             \
+    R(kThreads, threads, "threads", kConstant)                                   \
+    R(kThreadState, thread_state, "thread state", kState)
 
 enum class Resource : uint8_t {
 #define TROCAR_RESOURCE_BIT(bit, ...) bit,

@@ -51,7 +51,7 @@ bool all_have(const T& group, size_t rows, std::initializer_list<std::string_vie
 }
 
 // Last value of the enums in files; an enum without one does not compile.
-constexpr ActionKind last_of(ActionKind) { return ActionKind::kSuck; }
+constexpr ActionKind last_of(ActionKind) { return ActionKind::kSuture; }
 constexpr ActionTrigger last_of(ActionTrigger) { return ActionTrigger::kAlways; }
 constexpr Admission last_of(Admission) { return Admission::kRefused; }
 constexpr AnchorFrame last_of(AnchorFrame) { return AnchorFrame::kShape; }
@@ -171,7 +171,12 @@ void check_fields(const World& w, std::string& not_a_number) {
                                                           {"film bodies", w.fluids.body.size()},
                                                           {"film cells", w.fluid_state.volume.size()},
                                                           {"film edges", w.fluid_state.flow.size()},
-                                                          {"wound spots", w.fluids.spot.size()}};
+                                                          {"wound spots", w.fluids.spot.size()},
+                                                          {"threads", w.threads.thread.size()},
+                                                          {"thread rows", w.thread_state.material.size()},
+                                                          {"sewn bodies", w.threads.sewn.size()},
+                                                          {"sewn vertices", w.thread_state.before.size()},
+                                                          {"holds", w.thread_state.hold.size()}};
     FieldCheck check{counts};
 #define TROCAR_CHECK_RESOURCE(bit, member, name, kind)                                                                \
     if constexpr (ResourceKind::kind == ResourceKind::kConstant || ResourceKind::kind == ResourceKind::kState) {      \
@@ -664,6 +669,40 @@ void check_fluids(const World& w) {
         require(s.puffs.mass[i] >= 0 && s.puffs.variance[i] > 0, "fluid state: smoke of less than nothing");
 }
 
+// Threads have points that ascend, and hang on nodes that there are.
+void check_threads(const World& w) {
+    const ThreadState& s = w.thread_state;
+    const size_t rows = s.material.size();
+    require(s.count.size() == w.threads.thread.size() && s.progress.size() == s.count.size() && s.position.size() == rows &&
+                s.velocity.size() == rows && s.held.size() == rows && s.touching.size() == rows && (s.stable_dt.empty() || s.stable_dt.size() == w.bodies.mesh.size()),
+            "threads: arrays of different length");
+    for (size_t t = 0; t < s.count.size(); ++t) {
+        const Thread& thread = w.threads.thread[t];
+        require(thread.radius > 0 && thread.youngs_modulus > 0 && thread.density > 0 && thread.spacing > 0 && thread.damping >= 0 &&
+                    thread.friction >= 0,
+                "threads: radius, modulus, density and spacing must be above 0");
+        require(s.count[t] >= 2 && s.count[t] <= thread.rows.count, "threads: one with fewer than two points");
+        for (uint32_t i = thread.rows.first; i < thread.rows.first + s.count[t]; ++i) {
+            require(s.held[i] == kNone || s.held[i] < s.hold.size(), "threads: a point that nothing holds");
+            require(s.touching[i] == kNone || s.touching[i] < s.touch.size(), "threads: a point that touches nothing");
+            require(i == thread.rows.first || s.material[i] > s.material[i - 1], "threads: points that do not ascend");
+        }
+    }
+    const auto fits = [&](uint32_t body, const std::array<uint32_t, 4>& nodes) {
+        const bool soft = body != kNone && is_deformable(w.bodies, body);
+        return std::all_of(nodes.begin(), nodes.end(), [&](uint32_t n) { return n == kNone || (soft && n < w.bodies.particles[body].count); });
+    };
+    for (const ThreadHold& hold : s.hold)
+        require(fits(hold.body, hold.node) && hold.stiffness >= 0, "threads: a node that its body does not have");
+    for (const ThreadTouch& touch : s.touch) require(fits(touch.body, touch.node), "threads: touched at a node that its body does not have");
+    for (const NeedleHole& hole : s.hole) {
+        const uint32_t body = w.threads.sewn[hole.sewn].body;
+        require(fits(body, hole.node), "threads: a hole at a node that its body does not have");
+        for (const uint32_t v : hole.corner)
+            require(v < w.meshes.info[w.bodies.mesh[body]].vertices.count, "threads: a hole at a vertex that its body does not have");
+    }
+}
+
 void check_world(const World& w) {
     std::string not_a_number;
     check_fields(w, not_a_number);
@@ -678,6 +717,7 @@ void check_world(const World& w) {
     check_contact_memory(w);
     check_self_contacts(w);
     check_fluids(w);
+    check_threads(w);
     check_clock_and_settings(w);
     require(not_a_number.empty(), not_a_number);
 }

@@ -31,6 +31,7 @@
 #include "systems/advance/tissue/link_forces.hpp"
 #include "systems/advance/tissue/runaway.hpp"
 #include "systems/advance/tissue/tears.hpp"
+#include "systems/advance/tissue/thread_forces.hpp"
 namespace trocar {
 namespace {
 
@@ -133,6 +134,7 @@ void gather_bodies(const AdvanceCall& call, std::span<const uint32_t> island_bod
     give_remainders(call, particles, scratch, island);
     give_velocities_before(call, particles, scratch, island);
     gather_links(call, island, state, result);
+    gather_threads(call, island, state);
     gather_grasps(call, island, state);
     give_forces(call, state.particles, particles, scratch, island);
 }
@@ -437,6 +439,14 @@ void share_room(std::span<AdvanceScratch> scratches) {
     using N = ContactNodeSet;
     level(nodes, &N::node, &N::change, &N::moved_in, &N::node_of_particle, &N::embedded_point, &N::node_sums, &N::response);
     level(links, &IslandLinks::link, &IslandLinks::link_end, &IslandLinks::link_group);
+    const auto threads = [](AdvanceScratch& s) -> IslandThreads& { return s.island.threads; };
+    const auto rod = [](AdvanceScratch& s) -> RodScratch& { return s.island.threads.rod; };
+    using H = IslandThreads;
+    level(threads, &H::thread, &H::row, &H::rigid, &H::place, &H::force, &H::kick, &H::touch_row, &H::touch_rigid, &H::touch_force,
+          &H::touch_friction, &H::plane);
+    using Q = RodScratch;
+    level(rod, &Q::band, &Q::right, &Q::small, &Q::slide, &Q::bite, &Q::mass, &Q::start_material, &Q::start, &Q::goal, &Q::flow, &Q::grip,
+          &Q::knot);
     using C = ContactSolver;
     level(solver, &C::prepared, &C::wide_constraint, &C::fixed);
     using S = ContactSorting;
@@ -494,12 +504,14 @@ void run_substep(const AdvanceCall& call, bool has_contacts, AdvanceScratch& s, 
     AdvanceIsland& island = s.island;
     place_rigid_bodies(call, island);
     find_link_forces(call, state.particles, island);
+    step_threads(call, state.particles, island, result);
     step_bodies(call, s.tissue, island, state, result);
     for (AdvanceBody& b : island.body) result.work_numeric += std::exchange(b.changed_step, 0.0);
     begin_touched_steps(call, s.tissue, island, state, result);
     pull_hands(call, island);
     kick_free_bodies(call, island, result);
     pull_linked_rigids(call, island, state.tools);
+    pull_threaded_rigids(call, island, state.tools);
     pull_grasped_bodies(call, island, state.tools, result);
     if (has_contacts && params.observer.begin) params.observer.begin(params.observer.user);
     if (has_contacts) apply_impulses(call, s.components, s.tissue, s.solver, island, state, result);
@@ -512,6 +524,7 @@ void run_substep(const AdvanceCall& call, bool has_contacts, AdvanceScratch& s, 
     if (has_contacts && params.account_energy) account_implicit_corrections(call, s.tissue, island, state, result);
     if (has_contacts && params.observer.end) params.observer.end(params.observer.user);
     finish_links(call, state.particles, island, result);
+    finish_threads(call, state.particles, island, result);
     break_springs(call, state.particles, s.tissue, island, result);
     for (AdvanceBody& b : island.body) b.now = b.next;
 }

@@ -52,6 +52,11 @@ void advance_one(const IslandsPass& pass, uint32_t index, AdvanceScratch& scratc
     AdvanceInputs inputs = pass.inputs;
     inputs.leapfrog = needs_leapfrog(inputs, pass.state.particles, pass.state.constraints, bodies, constraints);
     params.substeps = calls * count_substeps(all, bodies, params.ticks * 1e-3 / calls, pass.params.substep, linked, inputs.leapfrog);
+    if (const ThreadState* threads = pass.inputs.other.thread_state) {
+        const uint32_t sewn = calls * count_substeps(all, bodies, params.ticks * 1e-3 / calls, pass.params.substep, threads->stable_dt,
+                                                     inputs.leapfrog);
+        params.substeps = std::max(params.substeps, sewn);
+    }
     if (ticks_inside) params.tick_hook = {run_ticks, &ticks};
     params.substeps *=
         finer_steps(inputs, pass.state.particles, bodies, params.ticks * 1e-3 / params.substeps, params.ticks * 1e-3, scratch);

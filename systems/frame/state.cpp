@@ -29,6 +29,7 @@ OtherForces other_forces(World& w) {
     if (!w.tears.body.empty()) other.tears = &w.tears, other.torn = &w.torn, other.torn_springs = &w.torn_springs;
     if (!w.relaxation.body.empty()) other.relaxation = &w.relaxation;
     if (!w.actions.action.empty()) other.actions = &w.actions, other.action_state = &w.action_state;
+    if (!w.threads.thread.empty()) other.threads = &w.threads, other.thread_state = &w.thread_state;
     return other;
 }
 

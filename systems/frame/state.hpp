@@ -46,6 +46,7 @@
 #include "systems/prepare/link_bodies.hpp"
 #include "systems/prepare/sleep.hpp"
 #include "systems/prepare/spawning.hpp"
+#include "systems/prepare/tool_sutures.hpp"
 namespace trocar {
 
 // Stages that skip bodies that have slept since the stage's last run.
@@ -105,6 +106,8 @@ struct FrameScratch {
     FilmsScratch films;
     DropsScratch drops;
     PictureLiquidScratch picture_liquid;
+    SewScratch sew;
+    LoneThreadScratch lone_threads;
 };
 
 // Limits on a frame's work.

@@ -20,6 +20,7 @@
 #include "systems/prepare/tool_actions.hpp"
 #include "systems/prepare/tool_cuts.hpp"
 #include "systems/prepare/tool_heat.hpp"
+#include "systems/prepare/tool_sutures.hpp"
 namespace trocar {
 namespace {
 
@@ -45,6 +46,9 @@ void actions(World& w, FrameState& f) { act(action_pass(w), f.scratch.links, w.a
 void heat(World& w, FrameState&) {
     heat_with_tools(action_pass(w), w.action_state, {w.anchors, w.settings.gravity, w.springs, w.solids, w.tears, w.torn, w.torn_springs, w.sleep,
                                                        w.energy});
+}
+void sutures(World& w, FrameState& f) {
+    sew(action_pass(w), w.settings.gravity, w.threads, f.scratch.sew, w.action_state, w.thread_state, w.sleep, w.energy);
 }
 void link(World& w, FrameState& f) {
     link_bodies(pass_seconds(w), w.haptics.state, {surfaces_of(w), w.solids, w.trees}, f.scratch.links, w.links, w.sleep, w.energy,
@@ -83,6 +87,7 @@ void fast_bodies(World& w, FrameState&) {
 void joined_bodies(World& w, FrameState&) {
     find_joined_bodies(w.bodies, w.links, w.haptics.tool, w.haptics.jaw, w.actions, w.action_state.grasp, w.joined_bodies);
 }
+void threaded_bodies(World& w, FrameState&) { join_threaded_bodies(w.bodies, w.thread_state, w.joined_bodies); }
 void excluded_pairs(World& w, FrameState&) {
     find_pierced_bodies(w.haptics.tool, w.boxes, w.nodes.apart, w.haptics.state, w.excluded_pairs);
 }
@@ -240,6 +245,14 @@ void link_forces(World& w, FrameState&) {
 }
 void hand_forces(World& w, FrameState& f) { end_hand_pass(w.clock, !f.options.external_ticks, w.haptics); }
 
+void threads(World& w, FrameState& f) {
+    step_lone_threads({period_seconds(w), w.settings.gravity, w.bodies, w.poses}, w.threads, f.scratch.lone_threads, w.thread_state,
+                      w.energy);
+}
+void thread_forces(World& w, FrameState&) {
+    note_thread_forces(period_seconds(w), w.threads, w.links.group.empty(), w.thread_state, w.haptics.state);
+}
+
 FluidPass fluid_pass(const World& w) {
     return {pass_seconds(w), period_seconds(w), surfaces_of(w), w.fluids, w.haptics.tool,       w.actions,
             w.action_state,  w.node_state,      w.links,        w.solids, w.contact_constraints};
@@ -276,7 +289,9 @@ void picture(World& w, FrameState& f) {
                             &w.fluids,
                             &w.fluid_state,
                             &f.scratch.picture_liquid,
-                            w.lenses.lens.empty() ? 0.0 : fog_of(w.lenses.lens[0])},
+                            w.lenses.lens.empty() ? 0.0 : fog_of(w.lenses.lens[0]),
+                            &w.threads,
+                            &w.thread_state},
                            w.picture, sleeping_bodies(f, kSeenByPicture));
 }
 }  // namespace stages
@@ -305,7 +320,7 @@ bool wants_separation_directions(const World& w) {
 }
 bool any_mover(const World& w) { return any_tool(w) || std::any_of(w.bodies.motion.begin(), w.bodies.motion.end(), joins_islands); }
 bool any_deformable(const World& w) { return !w.particles.offset.empty(); }
-bool any_energy(const World& w) { return any_deformable(w) || !w.bodies.rigid_mass.empty(); }
+bool any_energy(const World& w) { return any_deformable(w) || !w.bodies.rigid_mass.empty() || !w.threads.thread.empty(); }
 bool any_body(const World& w) { return !w.bodies.mesh.empty(); }
 
 // Or room for groups: links may come while it runs.
@@ -314,9 +329,12 @@ bool any_action(const World& w) { return !w.actions.action.empty(); }
 bool any_heat(const World& w) { return !w.actions.heat_body.empty(); }
 bool any_tool_cut(const World& w) { return !w.actions.cut_body.empty() || !w.actions.cut_solid.empty(); }
 bool any_lens(const World& w) { return !w.lenses.lens.empty(); }
+bool any_thread(const World& w) { return !w.threads.thread.empty(); }
+bool any_threaded_tool(const World& w) { return any_thread(w) && any_tool(w); }
+bool any_threaded_pair(const World& w) { return any_thread(w) && any_mover(w); }
 bool any_fluid(const World& w) { return !w.fluids.body.empty(); }
 bool any_tear(const World& w) { return !w.tears.body.empty(); }
-bool any_jaw_or_link(const World& w) { return any_pair(w) && (any_link(w) || !w.haptics.jaw.empty()); }
+bool any_jaw_or_link(const World& w) { return (any_pair(w) && (any_link(w) || !w.haptics.jaw.empty())) || any_threaded_pair(w); }
 bool any_excluded(const World& w) { return any_pair(w) && (any_tool(w) || !w.nodes.apart.empty()); }
 bool any_tool_pair(const World& w) { return any_pair(w) && any_tool(w); }
 bool any_fast(const World& w) { return any_pair(w) && (any_tool(w) || !w.bodies.rigid_mass.empty()); }
@@ -346,6 +364,8 @@ constexpr FrameStage kStages[] = {
         mask(R::kActionState, R::kLinks, R::kSleep, R::kEnergy)}, any_action},
     {S::kHeat,            P::kInput,    {"heat",            run<stages::heat>,              kShapes | mask(R::kSettings, R::kClock, R::kTrees, R::kTools, R::kToolState, R::kActions, R::kAnchors, R::kSpawning, R::kNodes, R::kNodeState, R::kTears, R::kTorn),
         mask(R::kActionState, R::kSprings, R::kSolids, R::kTornSprings, R::kSleep, R::kEnergy)}, any_heat},
+    {S::kSutures,         P::kInput,    {"sutures",         run<stages::sutures>,           kShapes | mask(R::kSettings, R::kSolids, R::kClock, R::kTrees, R::kTools, R::kToolState, R::kActions, R::kThreads, R::kSpawning, R::kNodes, R::kNodeState),
+        mask(R::kActionState, R::kThreadState, R::kSleep, R::kEnergy)}, any_thread},
     {S::kLinks,           P::kInput,    {"links",           run<stages::link>,              kShapes | mask(R::kSolids, R::kClock, R::kTrees, R::kToolState),
         mask(R::kLinks, R::kSleep, R::kEnergy, R::kReport)}, any_link},
     {S::kTears,           P::kInput,    {"tears",           run<stages::tear>,              mask(R::kSettings, R::kClock, R::kActions, R::kActionState, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kAnchors),
@@ -362,6 +382,8 @@ constexpr FrameStage kStages[] = {
         mask(R::kBoxes, R::kFastBodies)}, any_fast},
     {S::kJoinedBodies,    P::kDetection,{"joined bodies",   run<stages::joined_bodies>,     mask(R::kBodies, R::kLinks, R::kTools, R::kActions, R::kActionState),
         mask(R::kJoinedBodies)}, any_jaw_or_link},
+    {S::kThreadedBodies,  P::kDetection,{"threaded bodies", run<stages::threaded_bodies>,   mask(R::kBodies, R::kThreadState),
+        mask(R::kJoinedBodies)}, any_threaded_pair},
     {S::kExcludedPairs,   P::kDetection,{"excluded pairs",  run<stages::excluded_pairs>,    mask(R::kBoxes, R::kNodes, R::kTools),
         mask(R::kToolState, R::kExcludedPairs)}, any_excluded},
     {S::kBoxPairs,        P::kDetection,{"box pairs",       run<stages::box_pairs>,         mask(R::kBodies, R::kBoxes, R::kExcludedPairs),
@@ -430,20 +452,24 @@ constexpr FrameStage kStages[] = {
         mask(R::kToolState, R::kLocalContact)}, any_tool},
     {S::kHoldingGroups,   P::kAdvance,  {"holding groups",  run<stages::holding_groups>,    mask(R::kBodies, R::kLinks),
         mask(R::kHoldingGroups)}, any_link},
-    {S::kAdvance,         P::kAdvance,  {"advance",         run<stages::advance>,           mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears, R::kNodes, R::kImpactTimes, R::kHoldingGroups, R::kActions, R::kJoinedBodies),
-        mask(R::kPairMemory, R::kPoses, R::kParticles, R::kRelaxation, R::kContactConstraints, R::kToolState, R::kActionState, R::kDevices, R::kLinks, R::kTorn, R::kTornSprings, R::kNodeState, R::kEnergy, R::kReport)}, any_mover},
+    {S::kAdvance,         P::kAdvance,  {"advance",         run<stages::advance>,           mask(R::kSleep, R::kSettings, R::kMeshes, R::kSprings, R::kSolids, R::kBodies, R::kAnchors, R::kPaths, R::kTools, R::kClock, R::kIslands, R::kLocalContact, R::kTears, R::kNodes, R::kImpactTimes, R::kHoldingGroups, R::kActions, R::kJoinedBodies, R::kThreads),
+        mask(R::kThreadState, R::kPairMemory, R::kPoses, R::kParticles, R::kRelaxation, R::kContactConstraints, R::kToolState, R::kActionState, R::kDevices, R::kLinks, R::kTorn, R::kTornSprings, R::kNodeState, R::kEnergy, R::kReport)}, any_mover},
     {S::kPassedSurfaces,  P::kAdvance,  {"passed surfaces", run<stages::passed_surfaces>,   kShapes | mask(R::kClock, R::kTools, R::kToolState, R::kLocalContact),
         mask(R::kPassedSurfaces, R::kReport)}, any_tool_and_tissue},
     {S::kContactMemory,   P::kAdvance,  {"contact memory",  run<stages::contact_memory>,    mask(R::kContactConstraints),
         mask(R::kContactMemory)}, any_mover},
     {S::kSelfContactForces,P::kAdvance, {"self-contact forces",run<stages::self_contact_forces>,mask(R::kContactConstraints),
         mask(R::kSelfContacts)}, any_self_contact},
-    {S::kHeldSurfaces,    P::kAdvance,  {"held surfaces",   run<stages::held_surfaces>,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kSelfContactStart, R::kPairs, R::kSleep, R::kActions, R::kActionState, R::kRelaxation),
+    {S::kHeldSurfaces,    P::kAdvance,  {"held surfaces",   run<stages::held_surfaces>,     kShapes | mask(R::kSettings, R::kSprings, R::kSolids, R::kAnchors, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kSelfContactStart, R::kPairs, R::kSleep, R::kActions, R::kActionState, R::kRelaxation, R::kThreads, R::kThreadState),
         mask(R::kParticles, R::kLinks, R::kCrossedSurfaces, R::kEnergy, R::kReport)}, any_self_contact},
     {S::kLinkForces,      P::kAdvance,  {"link forces",     run<stages::link_forces>,       mask(R::kClock, R::kTools, R::kActions),
         mask(R::kLinks, R::kActionState, R::kToolState)}, any_link},
     {S::kHandForces,      P::kAdvance,  {"hand forces",     run<stages::hand_forces>,       mask(R::kClock, R::kTools),
         mask(R::kToolState)}, any_tool},
+    {S::kThreads,         P::kAdvance,  {"threads",         run<stages::threads>,           mask(R::kSettings, R::kClock, R::kBodies, R::kPoses, R::kThreads),
+        mask(R::kThreadState, R::kEnergy)}, any_thread},
+    {S::kThreadForces,    P::kAdvance,  {"thread forces",   run<stages::thread_forces>,     mask(R::kClock, R::kTools, R::kThreads, R::kThreadState, R::kLinks),
+        mask(R::kToolState)}, any_threaded_tool},
     {S::kFluidSources,    P::kAdvance,  {"fluid sources",   run<stages::fluid_sources>,     kShapes | mask(R::kClock, R::kFluids, R::kTools, R::kActions, R::kActionState, R::kNodeState, R::kLinks, R::kSolids, R::kContactConstraints),
         mask(R::kFluidState)}, any_fluid},
     {S::kFilms,           P::kAdvance,  {"films",           run<stages::films>,             kShapes | mask(R::kClock, R::kFluids, R::kNodeState, R::kContactConstraints),
@@ -454,9 +480,9 @@ constexpr FrameStage kStages[] = {
         mask(R::kNormals)}, any_deformable},
     {S::kSelfCrossings,   P::kPicture,  {"self-crossings",  run<stages::self_crossings>,    kShapes | mask(R::kClock, R::kSleep),
         mask(R::kSelfCrossings, R::kReport)}, any_deformable},
-    {S::kEnergy,          P::kPicture,  {"energy",          run<stages::energy>,            mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kActions, R::kActionState, R::kRelaxation),
+    {S::kEnergy,          P::kPicture,  {"energy",          run<stages::energy>,            mask(R::kSettings, R::kSprings, R::kSolids, R::kBodies, R::kPoses, R::kParticles, R::kAnchors, R::kLinks, R::kTears, R::kTorn, R::kTornSprings, R::kNodes, R::kNodeState, R::kActions, R::kActionState, R::kRelaxation, R::kThreads, R::kThreadState),
         mask(R::kEnergy, R::kEnergyStart)}, any_energy},
-    {S::kPicture,         P::kPicture,  {"picture",         run<stages::picture>,           kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kSpawning, R::kNodeState, R::kLinks, R::kActions, R::kActionState, R::kSolids, R::kFluids, R::kFluidState, R::kLenses),
+    {S::kPicture,         P::kPicture,  {"picture",         run<stages::picture>,           kShapes | mask(R::kClock, R::kNormals, R::kContacts, R::kPenetrations, R::kTools, R::kToolState, R::kTears, R::kSpawning, R::kNodeState, R::kLinks, R::kActions, R::kActionState, R::kSolids, R::kFluids, R::kFluidState, R::kLenses, R::kThreads, R::kThreadState),
         mask(R::kPicture)}, any_body},
 };
 // clang-format on

@@ -5,6 +5,7 @@
 #include "engine/jobs/parallel.hpp"
 #include "engine/mesh/surfaces.hpp"
 #include "engine/motion/node_drive.hpp"
+#include "engine/thread/rod.hpp"
 #include "engine/tissue/link_energy.hpp"
 namespace trocar {
 
@@ -52,6 +53,15 @@ void measure_energy(const EnergyInputs& inputs, EnergyStart& start, EnergyScratc
             }
         }
     }
+    for (uint32_t t = 0; other.threads && t < other.threads->thread.size(); ++t) {
+        const Thread& thread = other.threads->thread[t];
+        const RodEnergy rod = energy_of_rod(thread, rod_of(thread, t, *other.thread_state), other.thread_state->hold, inputs.gravity);
+        energy.kinetic += rod.kinetic, energy.elastic += rod.stretch, energy.bending += rod.bending, energy.gravity += rod.gravity;
+    }
+    if (other.threads)
+        for (const ThreadHold& hold : other.thread_state->hold) energy.links += hold.stored;
+    if (other.threads)
+        for (const ThreadTouch& touch : other.thread_state->touch) energy.links += touch.stored;
     if (other.action_state)
         for (const ToolGrasp& grasp : other.action_state->grasp) energy.links += grasp.stored;
     const double sum = energy.kinetic + energy.elastic + energy.pressure + energy.bending + energy.links + energy.gravity -

@@ -165,6 +165,39 @@ void copy_staples(const PictureInputs& in, PictureSnapshot& out) {
     }
 }
 
+// A thread as rods between places on the Catmull-Rom curve through its points.
+void copy_threads(const PictureInputs& in, PictureSnapshot& out) {
+    constexpr uint32_t kParts = 3;
+    if (!in.threads) return;
+    for (uint32_t t = 0; t < in.threads->thread.size(); ++t) {
+        const Thread& thread = in.threads->thread[t];
+        const Vec3d* x = in.thread_state->position.data() + thread.rows.first;
+        const uint32_t count = in.thread_state->count[t];
+        const std::array<float, 3> colour{static_cast<float>(thread.colour[0]), static_cast<float>(thread.colour[1]),
+                                          static_cast<float>(thread.colour[2])};
+        for (uint32_t i = 0; i + 1 < count; ++i) {
+            const Vec3d before = x[i > 0 ? i - 1 : i], after = x[std::min(i + 2, count - 1)];
+            Vec3d from = x[i];
+            for (uint32_t part = 1; part <= kParts; ++part) {
+                const double u = static_cast<double>(part) / kParts;
+                const Vec3d to =
+                    part == kParts
+                        ? x[i + 1]
+                        : Vec3d(0.5 * (2 * x[i] + u * (x[i + 1] - before) + u * u * (2 * before - 5 * x[i] + 4 * x[i + 1] - after) +
+                                       u * u * u * (3 * x[i] - before - 3 * x[i + 1] + after)));
+                out.rod.push_back({from, to, thread.radius, colour});
+                from = to;
+            }
+        }
+        if (thread.knot && count > 0) out.point.push_back({x[0], 4 * thread.radius, colour});
+        for (uint32_t i = 0; i < count; ++i) {
+            const uint32_t h = in.thread_state->held[thread.rows.first + i];
+            if (h == kNone || !in.thread_state->hold[h].slides || in.thread_state->hold[h].tied == kNone) continue;
+            out.point.push_back({x[i], (2 + in.thread_state->hold[h].throws) * thread.radius, colour});
+        }
+    }
+}
+
 // Absent triangles follow the present ones; numbers from tear.outer on were interior at load.
 void copy_removed(const Surfaces& surfaces, const Tears* tears, PictureSnapshot& out) {
     out.removed.clear(), out.exposed.clear();
@@ -278,6 +311,7 @@ void write_picture_snapshot(const PictureInputs& inputs, PictureSnapshot& out, c
     copy_tools(inputs.haptics, out);
     copy_points(inputs.points, out);
     copy_staples(inputs, out);
+    copy_threads(inputs, out);
     copy_removed(inputs.surfaces, inputs.tears, out);
     copy_cut_surfaces(inputs, out);
     copy_burnt(inputs, out);

@@ -12,6 +12,7 @@
 #include "components/solids.hpp"
 #include "components/spawning.hpp"
 #include "components/tears.hpp"
+#include "components/thread.hpp"
 #include "engine/contact/sleeping_bodies.hpp"
 #include "engine/fluid/film_shape.hpp"
 #include "engine/mesh/surfaces.hpp"
@@ -50,6 +51,8 @@ struct PictureInputs {
     const FluidState* fluid_state = nullptr;    // with it
     PictureLiquidScratch* liquid = nullptr;     // with it
     double fog = 0;                             // of the lens: see PictureSnapshot
+    const Threads* threads = nullptr;           // or null
+    const ThreadState* thread_state = nullptr;  // with it
 };
 
 // Copies what a picture shows into `out`, whose capacity is reused. A vertex gets the deepest of its

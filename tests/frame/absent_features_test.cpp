@@ -61,6 +61,11 @@ TEST(AbsentFeatures, SceneWithoutToolHasNoHapticStageAndNoHapticBytes) {
                       w.picture.puff.capacity(),
                   0u)
             << "nothing is wet";
+        for (const char* stage : {"sutures", "threaded bodies", "threads", "thread forces"}) EXPECT_FALSE(has_stage(frame, stage));
+        EXPECT_EQ(w.threads.thread.capacity() + w.thread_state.position.capacity() + w.thread_state.hold.capacity() +
+                      w.thread_state.stable_dt.capacity() + w.picture.rod.capacity(),
+                  0u)
+            << "nothing is sewn";
     });
     run_and_look(std::move(small_scene("probe_on_liver").world), 1, [](const Frame& frame) {
         for (const char* stage : {"device input", "local contact"}) EXPECT_TRUE(has_stage(frame, stage));

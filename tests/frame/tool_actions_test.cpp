@@ -196,7 +196,7 @@ TEST(ToolActions, WhatCannotBeDoneIsRefused) {
     };
     complains("buttons = 1\n", "needs a kind: staple, cut");
     complains("kind = \"sew\"\n", "is none of staple, cut");
-    complains("kind = \"suture\"\n", "is not there yet; there are staple, cut");
+    complains("kind = \"suture\"\n", "a suture needs thread");
     complains("kind = \"staple\"\nwhen = \"times\"\n", "at = [...]");
     complains("kind = \"staple\"\nwhen = \"button\"\nat = [1.0]\n", "at = [...]");
     complains("kind = \"staple\"\nat = [1.0, 1.0]\n", "must ascend");

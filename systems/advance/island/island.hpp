@@ -5,6 +5,7 @@
 #include "components/bodies.hpp"
 #include "components/nodes.hpp"
 #include "engine/kernels/spring_kernels.hpp"
+#include "engine/thread/rod.hpp"
 #include "systems/advance/island/nodes.hpp"
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wpsabi"
@@ -42,6 +43,7 @@ struct AdvanceBody {
     const std::array<uint32_t, 4>* embedding_node = nullptr;
     const std::array<double, 4>* embedding_weight = nullptr;
     bool linked = false;    // it has a link in the call
+    bool threaded = false;  // a thread goes through it
     Range link_ends;        // range of IslandLinks::link_end
     uint32_t tear = kNone;  // index in Tears::body
 };
@@ -133,6 +135,21 @@ struct IslandLinks {
     std::vector<uint32_t> link_group;  // indices in Links::group of the island's groups
 };
 
+// The threads of an island.
+struct IslandThreads {
+    std::vector<uint32_t> thread;    // indices into Threads::thread
+    std::vector<uint32_t> row;       // per hold of the world: row of its point in ThreadState, or kNone: not of the island
+    std::vector<uint32_t> rigid;     // per hold of the world: index in AdvanceIsland::rigid of what holds it, or kNone
+    std::vector<Vec3d> place;        // m, per hold of the world: the body's point when forces are found
+    std::vector<Vec3d> force;        // N, likewise: on the body
+    std::vector<double> kick;        // s, likewise: time for which it acts
+    // the same per touch of the world
+    std::vector<uint32_t> touch_row, touch_rigid;
+    std::vector<Vec3d> touch_force, touch_friction;  // N, on the body: all, and of it friction
+    std::vector<RodPlane> plane;
+    RodScratch rod;
+};
+
 // A grasp of a free rigid body during a substep: see grasped_bodies.hpp. World axes.
 struct AdvanceGrasp {
     uint32_t index = 0;                   // of ActionState::grasp
@@ -158,6 +175,7 @@ struct AdvanceIsland {
     ContactNodeSet nodes;
     IslandLinks links;
     std::vector<AdvanceGrasp> grasp;
+    IslandThreads threads;
 };
 
 // Whether some body of the island has an embedded surface: then constraints are prepared one after the other.

@@ -431,7 +431,7 @@ bool finish_touched_step(const AdvanceCall& call, const AdvanceIsland& island, T
     for_nodes_of(island, b, [&](uint32_t n, uint32_t i) {
         s.contact += dot(island.nodes.response[n].impulse, float_vec4(at(s.displacement[i]))) / call.dt;
     });
-    s.work = b.energy - s.energy - s.damped - work_of_links(island, b) - s.contact;
+    s.work = b.energy - s.energy - s.damped - work_of_links(call, island, b) - s.contact;
     s.acceleration = {};
     return !(s.work > kRoundedEnergy * (std::abs(b.energy) + std::abs(s.contact)) + rounded_energy(e));
 }
@@ -466,7 +466,7 @@ void step_backward_euler(const AdvanceCall& call, const AdvanceIsland& island, T
     double work = std::numeric_limits<double>::infinity(), grown = work;
     const auto measure = [&] {
         b.energy = finish(e);
-        work = b.energy - before - damped - work_of_links(island, b);
+        work = b.energy - before - damped - work_of_links(call, island, b);
         return work > kRoundedEnergy * std::abs(b.energy) + rounded_energy(e);
     };
     for (uint32_t round = 0; round < kMostRounds; ++round) {

@@ -6,6 +6,7 @@
 #include "engine/tissue/pressure_force.hpp"
 #include "engine/tissue/shape_fit.hpp"
 #include "engine/tissue/spring_step.hpp"
+#include "systems/advance/tissue/thread_forces.hpp"
 namespace trocar {
 
 double implicit_energy(const AdvanceCall& call, const AdvanceBody& b, const Float4* offset, TissueScratch& scratch,
@@ -35,7 +36,7 @@ double implicit_energy(const AdvanceCall& call, const AdvanceBody& b, const Floa
            call.params.gravity.dot(Vec3d(t[kSumMPosition], t[kSumMPosition + 1], t[kSumMPosition + 2]));
 }
 
-double work_of_links(const AdvanceIsland& island, const AdvanceBody& b) {
+double work_of_links(const AdvanceCall& call, const AdvanceIsland& island, const AdvanceBody& b) {
     double work = 0;
     for (uint32_t e = b.link_ends.first; e < b.link_ends.end(); ++e) {
         const AdvanceLink& link = island.links.link[island.links.link_end[e] / 2];
@@ -44,7 +45,7 @@ double work_of_links(const AdvanceIsland& island, const AdvanceBody& b) {
         const Vec4d moved = float_vec4(_mm_load_ps(&b.next[node].x)) - float_vec4(_mm_load_ps(&b.now[node].x));
         work += dot(far ? -link.force : link.force, moved);
     }
-    return work;
+    return b.threaded ? work + work_of_threads(call.inputs.other, island, b) : work;
 }
 
 }  // namespace trocar

@@ -9,8 +9,8 @@ namespace trocar {
 // gravity and motion, J.
 double implicit_energy(const AdvanceCall& call, const AdvanceBody& b, const Float4* offset, TissueScratch& scratch,
                        const AdvanceState& state);
-// Work of the links over the step's displacement, J.
-double work_of_links(const AdvanceIsland& island, const AdvanceBody& b);
+// Work of links and threads over the step's displacement, J.
+double work_of_links(const AdvanceCall& call, const AdvanceIsland& island, const AdvanceBody& b);
 
 }  // namespace trocar
 #pragma GCC diagnostic pop

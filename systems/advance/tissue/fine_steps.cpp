@@ -17,6 +17,7 @@
 #include "engine/tissue/tet_forces.hpp"
 #include "systems/advance/island/constants.hpp"
 #include "systems/advance/tissue/link_forces.hpp"
+#include "systems/advance/tissue/thread_forces.hpp"
 namespace trocar {
 namespace {
 
@@ -149,7 +150,10 @@ bool needs_leapfrog(const AdvanceInputs& inputs, const Particles& particles, con
     constexpr double kLeapfrogSteps = 16;
     const auto is_tied = [&](uint32_t body) {
         const Links* links = inputs.other.links;
-        return links && body < links->stable_dt.size() && links->stable_dt[body] < kLeapfrogSteps * bodies.stable_dt[body];
+        const double least = kLeapfrogSteps * bodies.stable_dt[body];
+        const ThreadState* threads = inputs.other.thread_state;
+        return (links && body < links->stable_dt.size() && links->stable_dt[body] < least) ||
+               (threads && body < threads->stable_dt.size() && threads->stable_dt[body] < least);
     };
     const auto is_held = [&](uint32_t body) {
         if (bodies.anchor_frame[body] == AnchorFrame::kWorld) return true;
@@ -199,6 +203,7 @@ double step_finely(const AdvanceCall& call, const AdvanceIsland& island, TissueS
     for (uint32_t i = 0; i < count; ++i) {
         for (float* axis : force) std::fill_n(axis, padded_count, 0.0f);
         if (b.linked) add_link_forces(island, static_cast<uint32_t>(&b - island.body.data()), force);
+        if (b.threaded) add_thread_forces(call.inputs.other, island, b.body, force);
         tets.offset = step.offset;
         result.min_volume_ratio = std::min<double>(result.min_volume_ratio, add_tet_forces(tets, b.slices));
         const double kick = i == 0 ? 0.5 * (b.last_dt + dt) : dt;

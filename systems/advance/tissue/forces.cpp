@@ -8,6 +8,7 @@
 #include "engine/tissue/spring_step.hpp"
 #include "engine/tissue/tet_forces.hpp"
 #include "systems/advance/tissue/link_forces.hpp"
+#include "systems/advance/tissue/thread_forces.hpp"
 namespace trocar {
 namespace {
 
@@ -57,7 +58,7 @@ void give_forces(const AdvanceCall& call, const Particles& particles, uint32_t c
             corners = std::max(corners, corner_rows(bind_tets(*in.other.solids, in.bodies, particles, b.body)));
     }
     if (scratch.corner_force.size() < corners) scratch.corner_force.resize(corners);
-    const auto forced = [&](const AdvanceBody& b) { return b.linked || has_forces(in, b.body); };
+    const auto forced = [&](const AdvanceBody& b) { return b.linked || b.threaded || has_forces(in, b.body); };
     if (std::none_of(island.body.begin(), island.body.end(), forced)) return;
     scratch.force.assign(size_t{3} * count, 0.0f);
     for (AdvanceBody& b : island.body) {
@@ -84,6 +85,7 @@ void find_forces(const AdvanceCall& call, const AdvanceIsland& island, const Par
     }
     if (has_tets(in.other.solids, in.bodies, b.body)) add_tets(call, particles, b, f, scratch, result);
     if (b.linked) add_link_forces(island, static_cast<uint32_t>(&b - island.body.data()), f.axis);
+    if (b.threaded) add_thread_forces(in.other, island, b.body, f.axis);
 }
 
 }  // namespace trocar

@@ -172,6 +172,9 @@ nlohmann::ordered_json actions_json(const ActionFigures& a) {
         j["cuts"] = a.cut, j["cut_area_m2"] = a.area, j["cut_work_j"] = a.work, j["cut_owed_j"] = a.owed, j["cuts_refused"] = a.refused;
     if (a.grasps) j["grasps"] = a.grasped, j["empty_grasps"] = a.nothing_grasped, j["slips"] = a.slipped, j["max_grip_n"] = a.grip;
     if (a.cautery) j["burns"] = a.burns, j["heat_j"] = a.heat, j["burnt_m2"] = a.burnt, j["hottest_c"] = a.hottest;
+    if (a.sutures)
+        j["stitches"] = a.stitches, j["missed_stitches"] = a.missed, j["slipped_off"] = a.slipped_off, j["throws"] = a.throws,
+        j["max_tension_n"] = a.tension, j["thread_drawn_m"] = a.drawn, j["thread_friction_j"] = a.thread_friction;
     return j;
 }
 

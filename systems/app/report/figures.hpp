@@ -54,19 +54,21 @@ struct LinkFigures {
 
 // What all instruments of a scene did.
 struct ActionFigures {
-    bool any = false;                                                     // the scene has instruments that act
-    bool staples = false, cuts = false, grasps = false, cautery = false;  // and these kinds of actions
+    bool any = false;                                                                      // the scene has instruments that act
+    bool staples = false, cuts = false, grasps = false, cautery = false, sutures = false;  // and these kinds of actions
     uint64_t set = 0, misfires = 0, pulled_out = 0;
-    double pull = 0;                                         // N, largest force of one staple, mean over a pass
-    uint64_t cut = 0, refused = 0;                           // strokes that cut; passes whose cut found no room
-    double area = 0;                                         // m^2, of the new surface on one side
-    double work = 0;                                         // J, that it took
-    uint64_t grasped = 0, nothing_grasped = 0, slipped = 0;  // grasps; that found nothing; that slipped out
-    double grip = 0;                                         // N, largest force of one grasp, mean over a pass
-    uint64_t burns = 0;                                      // strokes that heated
-    double owed = 0;                                         // J, of the work of cuts, that no motion has given yet
-    double heat = 0, burnt = 0;                              // J, that they gave; m^2, of surface that coagulated
-    double hottest = 0;                                      // degrees Celsius, now
+    double pull = 0;                                                 // N, largest force of one staple, mean over a pass
+    uint64_t cut = 0, refused = 0;                                   // strokes that cut; passes whose cut found no room
+    double area = 0;                                                 // m^2, of the new surface on one side
+    double work = 0;                                                 // J, that it took
+    uint64_t grasped = 0, nothing_grasped = 0, slipped = 0;          // grasps; that found nothing; that slipped out
+    double grip = 0;                                                 // N, largest force of one grasp, mean over a pass
+    uint64_t burns = 0;                                              // strokes that heated
+    double owed = 0;                                                 // J, of the work of cuts, that no motion has given yet
+    double heat = 0, burnt = 0;                                      // J, that they gave; m^2, of surface that coagulated
+    double hottest = 0;                                              // degrees Celsius, now
+    uint64_t stitches = 0, missed = 0, slipped_off = 0, throws = 0;  // bites; for which there was no room; left by the end; of knots
+    double tension = 0, drawn = 0, thread_friction = 0;              // N, largest; m, through all bites; J, that it took
 };
 
 // Liquids at the end of a run, m^3.

@@ -109,11 +109,19 @@ ActionFigures action_figures(const World& w) {
                 a.cautery = true;
                 a.burns += p.done, a.heat += p.heat, a.burnt += p.burnt;
                 break;
+            case ActionKind::kSuture:
+                a.sutures = true;
+                a.stitches += p.done, a.missed += p.misfires;
+                break;
             case ActionKind::kIrrigate:
             case ActionKind::kSuck:
                 break;  // of fluids
         }
     }
+    for (const ThreadProgress& p : w.thread_state.progress)
+        a.tension = std::max(a.tension, p.largest_tension), a.slipped_off += p.slipped_off, a.throws += p.throws,
+        a.thread_friction -= p.friction_work;
+    for (const ThreadHold& hold : w.thread_state.hold) a.drawn += hold.slides ? std::abs(hold.passed) : 0;
     for (const ToolGrasp& grasp : w.action_state.grasp) a.grip = std::max(a.grip, grasp.largest_force);
     for (const HeatBody& body : w.actions.heat_body)
         for (uint32_t v = body.nodes.first; v < body.nodes.end(); ++v)

@@ -1,0 +1,439 @@
+#include "systems/prepare/tool_sutures.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <span>
+
+#include "engine/geometry/point_triangle.hpp"
+#include "engine/geometry/quaternion.hpp"
+#include "engine/tissue/deformable_setup.hpp"
+#include "engine/tissue/embedded_surface.hpp"
+namespace trocar {
+namespace {
+
+// A place on a triangle of a body.
+struct OnSurface {
+    uint32_t triangle = kNone;
+    Vec3d weight = Vec3d::Zero();
+    double side = 1;
+    Vec3d place = Vec3d::Zero();  // m, world
+};
+
+struct Corners {
+    Vec3d at[3], normal;
+};
+
+Vec3d sewn_vertex(const Surfaces& s, uint32_t body, uint32_t vertex) { return frame_to_world(s, body, vertex_in_frame(s, body, vertex)); }
+
+// of: place of a vertex, m.
+template <typename Of>
+Corners corners_of(const std::array<uint32_t, 3>& vertex, const Of& of) {
+    Corners c;
+    for (int k = 0; k < 3; ++k) c.at[k] = of(vertex[k]);
+    c.normal = (c.at[1] - c.at[0]).cross(c.at[2] - c.at[0]);
+    const double length = c.normal.norm();
+    if (length > 0) c.normal /= length;
+    return c;
+}
+
+// Barycentric coordinates of a point's foot in the plane of a triangle.
+Vec3d foot_weights(const Corners& c, const Vec3d& at) {
+    Vec3d w;
+    for (int k = 0; k < 3; ++k) w[k] = c.normal.dot((c.at[(k + 2) % 3] - c.at[(k + 1) % 3]).cross(at - c.at[(k + 1) % 3]));
+    const double sum = w.sum();
+    return sum > 0 ? Vec3d(w / sum) : Vec3d(Vec3d::Constant(-1));
+}
+
+// Where a point that moved from `from`, when the surface's vertices were at `before`, to `to` passed through a body's surface; the first
+// such place. Both ends are seen from the triangle as it was and as it is: heights over it are the same numbers at the end of one pass and
+// at the begin of the next, so that no passing is found twice or not at all.
+OnSurface find_crossing(const Surfaces& s, uint32_t body, std::span<const Vec3d> before, const Vec3d& from, const Vec3d& to) {
+    // Two triangles that turn or bend while the point passes their edge may each see it beside them, by a second-order part of an edge.
+    constexpr double kBesideEdge = 0.02;
+    OnSurface best;
+    double first = 2, inside = -kBesideEdge;
+    const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {
+        const Corners was = corners_of(mesh.triangle[t], [&](uint32_t v) { return before[v]; });
+        const Corners is = corners_of(mesh.triangle[t], [&](uint32_t v) { return sewn_vertex(s, body, v); });
+        const double a = was.normal.dot(from - was.at[0]), b = is.normal.dot(to - is.at[0]);
+        if ((a < 0) == (b < 0)) continue;
+        const double share = a / (a - b);
+        const Vec3d w = (1 - share) * foot_weights(was, from) + share * foot_weights(is, to);
+        const double least = std::min(w.minCoeff(), 0.0);
+        if (least < inside || (least == inside && share >= first)) continue;
+        inside = least, first = share;
+        const Vec3d weight = w.cwiseMax(0.0) / w.cwiseMax(0.0).sum();
+        best = {t, weight, b < 0 ? -1.0 : 1.0, weight[0] * is.at[0] + weight[1] * is.at[1] + weight[2] * is.at[2]};
+    }
+    return best;
+}
+
+NeedleHole make_hole(const ActionPass& pass, uint32_t sewn, uint32_t body, const OnSurface& on) {
+    const Surfaces& s = pass.world.surfaces;
+    const uint32_t prototype = s.bodies.mesh[body];
+    const Triangle t = mesh_view(s.meshes, prototype).triangle[on.triangle];
+    NeedleHole hole;
+    hole.sewn = sewn, hole.side = on.side;
+    for (int k = 0; k < 3; ++k) hole.corner[k] = t[k];
+    const Range skin = prototype < pass.world.solids.info.size() ? pass.world.solids.info[prototype].skin : Range{};
+    if (skin.count > 0) {
+        Eigen::Index nearest;
+        on.weight.maxCoeff(&nearest);
+        hole.node = pass.world.solids.embedding_node[skin.first + t[nearest]];
+        hole.weight = pass.world.solids.embedding_weight[skin.first + t[nearest]];
+    } else {
+        for (int k = 0; k < 3; ++k) hole.node[k] = t[k], hole.weight[k] = on.weight[k];
+    }
+    return hole;
+}
+
+Vec3d sewn_place(const ActionPass& pass, uint32_t body, const std::array<uint32_t, 4>& node, const std::array<double, 4>& weight) {
+    const Surfaces& s = pass.world.surfaces;
+    const uint32_t first = s.bodies.particles[body].first + embedded_count(pass.world.solids, s.bodies.mesh[body]);
+    Vec3d sum = Vec3d::Zero();
+    for (uint32_t k = 0; k < 4 && node[k] != kNone; ++k) {
+        const Float4& o = s.particles.offset[first + node[k]];
+        sum += weight[k] * (s.poses.origin[body] + Vec3d(o.x, o.y, o.z));
+    }
+    return sum;
+}
+
+// The needle's point makes holes.
+void make_holes(const ActionPass& pass, const Threads& threads, uint32_t index, const Vec3d& from, const Vec3d& to,
+                ActionProgress& progress, ThreadState& state) {
+    for (uint32_t n = 0; n < threads.sewn.size(); ++n) {
+        if (threads.sewn[n].action != index) continue;
+        const uint32_t body = threads.sewn[n].body;
+        const Range vertices = threads.sewn[n].vertices;
+        const OnSurface on =
+            find_crossing(pass.world.surfaces, body, std::span(state.before).subspan(vertices.first, vertices.count), from, to);
+        if (on.triangle == kNone) continue;
+        const auto near = [&](const NeedleHole& hole, double side) {
+            return hole.sewn == n && hole.side == side && (sewn_place(pass, body, hole.node, hole.weight) - on.place).norm() < kWithdrawn;
+        };
+        // near a fold two triangles may see one passing in two passes
+        if (std::ranges::any_of(state.hole, [&](const NeedleHole& hole) { return near(hole, on.side); })) continue;
+        const auto withdrawn = std::ranges::find_if(state.hole, [&](const NeedleHole& hole) { return near(hole, -on.side); });
+        if (withdrawn != state.hole.end())
+            state.hole.erase(withdrawn);
+        else if (state.hole.size() < threads.most_holes)
+            state.hole.push_back(make_hole(pass, n, body, on));
+        else
+            ++progress.misfires;
+    }
+}
+
+// The same at the time of the velocities, at which energies are measured.
+Vec3d sewn_place_at_velocity(const ActionPass& pass, uint32_t body, const std::array<uint32_t, 4>& node,
+                             const std::array<double, 4>& weight) {
+    const Surfaces& s = pass.world.surfaces;
+    const uint32_t first = s.bodies.particles[body].first + embedded_count(pass.world.solids, s.bodies.mesh[body]);
+    Vec3d rate = Vec3d::Zero();
+    for (uint32_t k = 0; k < 4 && node[k] != kNone; ++k) {
+        const uint32_t p = first + node[k];
+        rate += weight[k] * Vec3d(s.particles.velocity_x[p], s.particles.velocity_y[p], s.particles.velocity_z[p]);
+    }
+    return sewn_place(pass, body, node, weight) - 0.5 * s.particles.last_dt[body] * rate;
+}
+
+// Puts the thread on a needle through a hole. It is on the thread where the thread is, and steps draw the two together: at once it
+// would be stretched, or throw the tissue. False if there is no room.
+bool make_bite(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, const NeedleHole& hole, ThreadState& state,
+               Energy& energy) {
+    const SewnBody& sewn = threads.sewn[hole.sewn];
+    const Thread& thread = threads.thread[sewn.thread];
+    Rod rod = rod_of(thread, sewn.thread, state);
+    if (state.hold.size() >= threads.most_holds) return false;
+    const uint32_t last = rod.count - 1;
+    const double piece = rod.material[last] - rod.material[last - 1];
+    ThreadHold hold;
+    hold.thread = sewn.thread, hold.body = sewn.body, hold.action = sewn.action, hold.slides = true;
+    hold.node = hole.node, hold.weight = hole.weight, hold.stiffness = sewn.stiffness;
+    const Vec3d at = sewn_place_at_velocity(pass, sewn.body, hole.node, hole.weight);
+    const double upper = std::clamp((rod.position[last] - at).norm(), 0.2 * piece, 0.5 * piece);
+    const double share = 1 - upper / piece;
+    const Vec3d place = rod.position[last - 1] + share * (rod.position[last] - rod.position[last - 1]);
+    hold.before = place, hold.point = place - at;
+    const double had = energy_of_rod(thread, rod, state.hold, gravity).sum();
+    state.hold.push_back(hold);
+    const auto index = static_cast<uint32_t>(state.hold.size() - 1);
+    const bool made = add_bite(thread, rod.material[last] - upper, place, index, rod);
+    if (!made) state.hold.pop_back();
+    if (!made) return false;
+    energy.work_numeric += energy_of_rod(thread, rod, state.hold, gravity).sum() - had;  // it does not bend at a bite
+    return true;
+}
+
+uint32_t find_row(const Rod& rod, const auto& is) {
+    uint32_t i = 0;
+    while (i < rod.count && !(rod.held[i] != kNone && is(rod.held[i]))) ++i;
+    return i;
+}
+
+// Ties the strand of the needle to that of the first end, beside the bites that they come out of. False if there is no room.
+bool tie_strands(const Vec3d& gravity, const Thread& thread, uint32_t index, uint32_t first, uint32_t last, uint32_t room,
+                 ThreadState& state, Energy& energy) {
+    Rod rod = rod_of(thread, index, state);
+    const double near = 1.5 * thread.spacing;
+    uint32_t stays = first;
+    while (stays > 0 && (rod.material[first] - rod.material[stays] < near || rod.held[stays] != kNone)) --stays;
+    const double across = (rod.position[stays] - rod.position[last]).norm(), place = rod.material[last] + std::max(near, across);
+    if (stays == 0 || state.hold.size() + 2 > room) return false;
+    uint32_t above = last + 1;
+    while (above < rod.count && rod.material[above] <= place) ++above;
+    if (above >= rod.count) return false;
+    const double share = (place - rod.material[above - 1]) / (rod.material[above] - rod.material[above - 1]);
+    const Vec3d at = rod.position[above - 1] + share * (rod.position[above] - rod.position[above - 1]);
+    const auto held = static_cast<uint32_t>(state.hold.size());
+    const double had = energy_of_rod(thread, rod, state.hold, gravity).sum();
+    ThreadHold knot;
+    knot.thread = index, knot.tied = held + 1;
+    state.hold.push_back(knot);
+    knot.tied = held, knot.slides = true, knot.point = at - rod.position[stays];
+    state.hold.push_back(knot);
+    if (!add_bite(thread, place, at, held + 1, rod)) {
+        state.hold.resize(held);
+        return false;
+    }
+    rod.held[stays] = held;
+    energy.work_numeric += energy_of_rod(thread, rod, state.hold, gravity).sum() - had;
+    return true;
+}
+
+// A needle that goes once round the strand of the first end, which something holds, makes a throw. from, to: of its blunt end.
+void wind(const Vec3d& gravity, const Threads& threads, uint32_t index, const Vec3d& from, const Vec3d& to, ActionProgress& progress,
+          ThreadState& state, Energy& energy) {
+    const Thread& thread = threads.thread[index];
+    Rod rod = rod_of(thread, index, state);
+    ThreadProgress& done = state.progress[index];
+    const auto of_tissue = [&](uint32_t h) { return state.hold[h].slides && state.hold[h].tied == kNone; };
+    const uint32_t first = find_row(rod, of_tissue);
+    uint32_t last = rod.count;
+    while (last > 0 && !(rod.held[last - 1] != kNone && of_tissue(rod.held[last - 1]))) --last;
+    const Vec3d base = first < rod.count ? rod.position[first] : rod.position[0];
+    const Vec3d strand = rod.position[0] - base;
+    const double length = strand.norm();
+    const auto across = [&](const Vec3d& at) { return Vec3d(at - base - (at - base).dot(strand) / (length * length) * strand); };
+    const double height = length > 0 ? (to - base).dot(strand) / length : 0;
+    const bool beside = rod.held[0] != kNone && length > kLeastStrand && height > 0 && height < length && across(to).norm() < kWindingReach;
+    if (!beside) {
+        done.wound = 0;
+        return;
+    }
+    const Vec3d a = across(from), b = across(to);
+    done.wound += std::atan2(strand.dot(a.cross(b)) / length, a.dot(b));
+    if (std::abs(done.wound) < 2 * std::numbers::pi) return;
+    const double way = done.wound > 0 ? 1 : -1;
+    done.wound -= 2 * std::numbers::pi * way;
+    const auto knot =
+        std::ranges::find_if(state.hold, [&](const ThreadHold& h) { return h.thread == index && h.slides && h.tied != kNone; });
+    const bool fresh = knot == state.hold.end();
+    if (fresh && !tie_strands(gravity, thread, index, first, last - 1, threads.most_holds, state, energy)) {
+        ++progress.misfires;
+        return;
+    }
+    ThreadHold& slides = fresh ? state.hold.back() : *knot;
+    slides.squared += slides.throws > 0 && way != slides.way;
+    ++slides.throws, slides.way = way, ++done.throws;
+}
+
+// The needle's blunt end takes the thread through the holes, in their order.
+void draw_through(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, uint32_t index, const Vec3d& end,
+                  ActionProgress& progress, ThreadState& state, Energy& energy) {
+    const Surfaces& s = pass.world.surfaces;
+    while (true) {
+        const auto hole = std::ranges::find_if(state.hole, [&](const NeedleHole& h) { return threads.sewn[h.sewn].action == index; });
+        if (hole == state.hole.end()) return;
+        const uint32_t body = threads.sewn[hole->sewn].body;
+        const Corners c = corners_of(hole->corner, [&](uint32_t v) { return sewn_vertex(s, body, v); });
+        const Vec3d at = sewn_place(pass, body, hole->node, hole->weight);
+        if (!(hole->side * c.normal.dot(end - at) > 0)) return;
+        make_bite(pass, gravity, threads, *hole, state, energy) ? ++progress.done : ++progress.misfires;
+        state.hole.erase(hole);
+    }
+}
+
+// Bites that the end of a thread has left are taken out of the list.
+bool drop_left(ThreadState& state) {
+    bool any = false;
+    for (uint32_t h = 0; h < state.hold.size();) {
+        if (!state.hold[h].left) {
+            ++h;
+            continue;
+        }
+        state.hold.erase(state.hold.begin() + h);
+        for (uint32_t& held : state.held)
+            if (held != kNone && held > h) --held;
+        for (ThreadHold& other : state.hold)
+            if (other.tied != kNone && other.tied > h) --other.tied;
+        any = true;
+    }
+    return any;
+}
+
+}  // namespace
+
+void sew(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, SewScratch& scratch, ActionState& actions,
+         ThreadState& state, Sleep& sleep, Energy& energy) {
+    for (ThreadProgress& progress : state.progress) progress.stepped = false;
+    for (ThreadHold& hold : state.hold) hold.impulse.setZero();
+    const size_t before = state.hold.size();
+    bool changed = drop_left(state);
+    for (uint32_t index = 0; index < pass.actions.action.size(); ++index) {
+        const ToolAction& action = pass.actions.action[index];
+        if (action.kind != ActionKind::kSuture) continue;
+        ActionProgress& progress = actions.progress[index];
+        const Surfaces& s = pass.world.surfaces;
+        const uint32_t needle = pass.tools[action.tool].body;
+        const Vec3d point = frame_to_world(s, needle, action.point), end = frame_to_world(s, needle, action.edge);
+        if (progress.on && progress.swept) make_holes(pass, threads, index, progress.from, point, progress, state);
+        const bool swept = progress.on && progress.swept;
+        draw_through(pass, gravity, threads, index, end, progress, state, energy);
+        for (uint32_t t = 0; swept && t < threads.thread.size(); ++t)
+            if (threads.thread[t].tool == action.tool) wind(gravity, threads, t, progress.from_edge, end, progress, state, energy);
+        progress.swept = progress.on, progress.from = point, progress.from_edge = end;
+    }
+    for (const SewnBody& sewn : threads.sewn)
+        for (uint32_t v = 0; v < sewn.vertices.count; ++v)
+            state.before[sewn.vertices.first + v] = sewn_vertex(pass.world.surfaces, sewn.body, v);
+    const bool touched = !state.touch.empty();
+    find_thread_contacts(pass, threads, scratch.contacts, state, energy);
+    changed = changed || touched || !state.touch.empty() || state.hold.size() != before ||
+              state.stable_dt.size() != pass.world.surfaces.bodies.mesh.size();
+    if (changed) update_thread_limits(pass.world.surfaces.bodies, pass.world.solids, pass.world.surfaces.particles, scratch.limits, state);
+    for (const ThreadHold& hold : state.hold)
+        if (hold.body != kNone) wake_body(sleep, hold.body);
+    for (const ThreadTouch& touch : state.touch) wake_body(sleep, touch.body);
+}
+
+void join_threaded_bodies(const Bodies& bodies, const ThreadState& state, std::vector<std::array<uint32_t, 2>>& joined) {
+    for (uint32_t thread = 0; thread < state.count.size(); ++thread) {
+        uint32_t first = kNone;
+        const auto join = [&](const auto& at) {
+            if (at.thread != thread || at.body == kNone || !joins_islands(bodies.motion[at.body]) || at.body == first) return;
+            if (first == kNone)
+                first = at.body;
+            else if (joined.empty() || joined.back() != std::array<uint32_t, 2>{first, at.body})
+                joined.push_back({first, at.body});
+        };
+        std::ranges::for_each(state.hold, join);
+        std::ranges::for_each(state.touch, join);
+    }
+}
+
+void update_thread_limits(const Bodies& bodies, const Solids& solids, const Particles& particles, std::vector<double>& scratch,
+                          ThreadState& state) {
+    state.stable_dt.assign(bodies.mesh.size(), std::numeric_limits<double>::infinity());
+    // Gershgorin's rows of k w w^T over the masses, 1/s^2
+    scratch.assign(particles.offset.size() + bodies.mesh.size(), 0.0);
+    double* const rigid = scratch.data() + particles.offset.size();
+    const auto add = [&](const auto& at, double stiffness) {
+        if (at.body == kNone) return;
+        if (!is_deformable(bodies, at.body)) {
+            rigid[at.body] += stiffness * bodies.inv_mass[at.body];
+            return;
+        }
+        double all = 0;
+        for (uint32_t k = 0; k < 4 && at.node[k] != kNone; ++k) all += std::abs(at.weight[k]);
+        const uint32_t first = bodies.particles[at.body].first + embedded_count(solids, bodies.mesh[at.body]);
+        for (uint32_t k = 0; k < 4 && at.node[k] != kNone; ++k) {
+            const uint32_t p = first + at.node[k];
+            scratch[p] += stiffness * all * std::abs(at.weight[k]) * static_cast<double>(particles.offset[p].w);
+        }
+    };
+    for (const ThreadHold& hold : state.hold)
+        if (!hold.left) add(hold, hold.stiffness);
+    for (const ThreadTouch& touch : state.touch) add(touch, kContactStiffness);
+    for (uint32_t body = 0; body < bodies.mesh.size(); ++body) {
+        double most = rigid[body];
+        const Range rows = bodies.particles[body];
+        for (uint32_t p = rows.first; p < rows.end(); ++p) most = std::max(most, scratch[p]);
+        if (most == 0) continue;
+        // omega^2 of a sum of springs is at most the sum of theirs
+        const double own = 2 * kStableShare / bodies.stable_dt[body];
+        state.stable_dt[body] = 2 * kStableShare / std::sqrt(own * own + most);
+    }
+}
+
+void note_thread_forces(double seconds, const Threads& threads, bool first, const ThreadState& state, std::span<ToolState> tools) {
+    for (ToolState& tool : tools)
+        if (first) tool.link_force_before = tool.link_force, tool.link_force.setZero();
+    for (const ThreadHold& hold : state.hold) {
+        if (hold.slides || hold.left) continue;
+        const uint32_t tool = threads.thread[hold.thread].tool;
+        if (tool != kNone && hold.body != kNone) tools[tool].link_force += hold.impulse / seconds;
+    }
+}
+
+void step_lone_threads(const ThreadsAlone& in, const Threads& threads, LoneThreadScratch& scratch, ThreadState& state, Energy& energy) {
+    constexpr double kLongest = 1e-3;  // s
+    scratch.place.reserve(threads.most_holds), scratch.plane.reserve(state.touching.size());
+    scratch.place.resize(state.hold.size());
+    const auto spring = [](const ThreadHold& hold, const Vec3d& stretch) { return 0.5 * hold.stiffness * stretch.squaredNorm(); };
+    for (uint32_t index = 0; index < threads.thread.size(); ++index) {
+        const Thread& thread = threads.thread[index];
+        ThreadProgress& progress = state.progress[index];
+        if (progress.stepped) continue;
+        Rod rod = rod_of(thread, index, state);
+        const auto steps = static_cast<uint32_t>(std::ceil(in.seconds / kLongest - 1e-9));
+        const double dt = in.seconds / steps;
+        const auto pressed = [&](uint32_t i) {
+            const ThreadTouch& touch = state.touch[rod.touching[i]];
+            const double depth = std::max(0.0, touch.gap - touch.normal.dot(rod.position[i] - touch.before));
+            return 0.5 * kContactStiffness * depth * depth;
+        };
+        const auto sum = [&] {
+            double all = energy_of_rod(thread, rod, state.hold, in.gravity).sum();
+            for (uint32_t i = 0; i < rod.count; ++i) {
+                if (const uint32_t h = rod.held[i]; h != kNone)
+                    all += spring(state.hold[h], rod.position[i] - state.hold[h].before);
+                else if (rod.touching[i] != kNone)
+                    all += pressed(i);
+            }
+            return all;
+        };
+        scratch.plane.resize(state.touch.size());
+        for (uint32_t k = 0; k < state.touch.size(); ++k) {
+            const ThreadTouch& touch = state.touch[k];
+            scratch.plane[k] = {touch.normal, touch.normal.dot(touch.before) + touch.gap, Vec3d::Zero(), touch.friction};
+        }
+        for (uint32_t k = 0; k < steps; ++k) {
+            for (uint32_t i = 0; i < rod.count; ++i) {
+                const uint32_t h = rod.held[i];
+                if (h == kNone) continue;
+                ThreadHold& hold = state.hold[h];
+                const Vec3d goal = hold.body == kNone
+                                       ? hold.point
+                                       : Vec3d(in.poses.origin[hold.body] + rotate(in.poses.orientation[hold.body], hold.point));
+                scratch.place[h] = hold.before + (goal - hold.before) / (steps - k);
+                energy.work_hand += spring(hold, rod.position[i] - scratch.place[h]) - spring(hold, rod.position[i] - hold.before);
+                hold.before = scratch.place[h];
+            }
+            const double before = sum();
+            const RodStep step = step_rod(thread, in.gravity, dt, rod, state.hold, scratch.place, scratch.plane, scratch.rod);
+            double rubbed = 0;
+            for (uint32_t i = 0; i < rod.count; ++i) {
+                if (rod.held[i] != kNone || rod.touching[i] == kNone) continue;
+                const Vec3d start = rod.position[i] - dt * rod.velocity[i];
+                rubbed += dt * force_of_plane(scratch.plane[rod.touching[i]], start, rod.position[i], dt).friction.dot(rod.velocity[i]);
+            }
+            progress.largest_tension = std::max(progress.largest_tension, step.largest_tension);
+            progress.friction_work += step.friction_work;
+            energy.work_damping += step.damping_work, energy.work_contact += step.friction_work + rubbed;
+            energy.work_links += step.knot_work;
+            energy.work_numeric += sum() - before - step.damping_work - step.friction_work - step.knot_work - rubbed;
+        }
+        for (uint32_t i = 0; i < rod.count; ++i) {
+            const uint32_t h = rod.held[i];
+            if (h == kNone) continue;
+            ThreadHold& hold = state.hold[h];
+            hold.stored = spring(hold, rod.position[i] - hold.before);
+        }
+        for (uint32_t i = 0; i < rod.count; ++i)
+            if (rod.held[i] == kNone && rod.touching[i] != kNone) state.touch[rod.touching[i]].stored = pressed(i);
+    }
+}
+
+}  // namespace trocar
