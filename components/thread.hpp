@@ -59,7 +59,7 @@ struct ThreadHold {
     bool left = false;                 // the end of the thread has slid through: to be removed
     std::array<uint32_t, 4> node{kNone, kNone, kNone, kNone};  // of a deformable body, then kNone
     std::array<double, 4> weight{};                            // of the nodes
-    Vec3d point = Vec3d::Zero();       // m, of a rigid body: in its frame; of no body: in the world; of a knot: what is still open
+    Vec3d point = Vec3d::Zero();       // m, of a rigid body: in its frame; of no body: in the world; of a bite or a knot: what is still open
     double stiffness = 0;              // N/m
     double stored = 0;                 // J, of the spring, at the time of the velocities
     Vec3d before = Vec3d::Zero();      // m, world: the body's point at the end of the last substep
