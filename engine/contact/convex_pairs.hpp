@@ -16,8 +16,8 @@ inline double moves_past(const ContactInputs& in, uint32_t a, uint32_t b) {
 }
 
 // Whether contact of two bodies is that of their convex hulls: both are rigid and convex, one is free, none is in a hand, they
-// move little past each other, and the scene asks for it (ContactParams::hulls) and for nothing that only triangles answer. All stages between
-// broad-phase pairs and contact constraints must agree.
+// move little past each other, and the scene asks for it (ContactParams::hulls) and for nothing that only triangles answer. All stages
+// between broad-phase pairs and contact constraints must agree.
 inline bool touch_as_hulls(const ContactInputs& in, uint32_t a, uint32_t b) {
     if (!in.params.hulls || in.hulls == nullptr || in.hulls->hull.empty()) return false;
     const Bodies& bodies = in.surfaces.bodies;
