@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 #include <random>
 
 #include "engine/mesh/convex_contact.hpp"
@@ -112,6 +113,50 @@ TEST(ConvexManifolds, SeparateAlongTheBestOfAllDirections) {
     }
     EXPECT_GT(inside, 30);
     EXPECT_GT(outside, 15);
+}
+
+// Hulls of very different sizes, faces and edges exactly or almost parallel, deep in each other or apart: the sign of the separation is
+// right, and the depth that of brute force. Every contact of hulls that are apart is open. Breaks when pairs of edges
+// are left out.
+TEST(ConvexManifolds, AlmostParallelAndApart) {
+    std::mt19937 random(5);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    std::normal_distribution<double> normal;
+    const auto any_direction = [&] { return Vec3d(normal(random), normal(random), normal(random)).normalized(); };
+    const Mesh round = stone(random, 0.02);
+    const auto shape = [&](int kind) {
+        if (kind == 0) return round;
+        const double size = 0.1 * std::pow(10.0, 0.7 * unit(random));
+        return make_box(size * Vec3d(1 + 0.5 * unit(random), 1, 1 + 0.8 * unit(random)));
+    };
+    HullContactScratch scratch;
+    int apart = 0, inside = 0, by_edges = 0;
+    for (int i = 0; i < 500; ++i) {
+        const std::array mesh = {shape(i % 8), shape((i / 2) % 8)};
+        const std::array hull = {hull_of_mesh(mesh[0]), hull_of_mesh(mesh[1])};
+        const double tilt = std::pow(10.0, -5 + 5 * unit(random));  // 1e-10 to 1 rad
+        const Quat quarter = from_rotation_vector(0.5 * std::numbers::pi * Vec3d(random() % 2, 0, 0));
+        const Quat turn =
+            i % 3 == 0 ? from_rotation_vector(3 * any_direction()) : multiply(from_rotation_vector(tilt * any_direction()), quarter);
+        const Mesh turned = moved(mesh[1], turn, Vec3d::Zero());
+        const Vec3d direction = any_direction();
+        // about as far apart, along a random direction, as they touch
+        double reach = 0.02;
+        while (reach < 1 && reference::hull_depth(mesh[0], turned, reach * direction) > 0) reach *= 1.4;
+        const Vec3d shift = reach * (0.9 + 0.2 * unit(random)) * direction;
+        const double exact = -reference::hull_depth(mesh[0], turned, shift);
+        HullManifold manifold;
+        find_hull_contacts(hull[0], hull[1], turn, shift, 1, 0, scratch, manifold);
+        ASSERT_LE(manifold.separation, exact + 1e-9) << i << " tilt " << tilt;
+        ASSERT_GE(manifold.separation, std::min(exact, 0.0) - 1e-7) << i << " tilt " << tilt;
+        ASSERT_GE(manifold.count, 1u) << i;
+        for (uint32_t k = 0; k < manifold.count && exact > 1e-7; ++k) ASSERT_GT(manifold.contact[k].distance, 0) << i << ' ' << k;
+        ++(exact < 0 ? inside : apart);
+        by_edges += manifold.count == 1;
+    }
+    EXPECT_GT(apart, 100);
+    EXPECT_GT(inside, 100);
+    EXPECT_GT(by_edges, 50);
 }
 
 // Two boxes of a falling pile, 7 mm apart or more: only two edges that cross beside their ends separate them. Breaks when edges must
