@@ -7,7 +7,7 @@
 namespace trocar {
 namespace {
 
-constexpr double kGravity = 9.81;
+constexpr double kWeightPerMass = 9.81;
 
 // One thread of points at even distances along x.
 struct TestRod {
@@ -33,7 +33,7 @@ struct TestRod {
         return static_cast<uint32_t>(state.hold.size() - 1);
     }
     void hold_point(uint32_t i, double stiffness) { state.held[i] = hold(state.position[i], stiffness); }
-    RodStep step(double dt, double gravity = kGravity) {
+    RodStep step(double dt, double gravity = kWeightPerMass) {
         return step_rod(thread, {0, 0, -gravity}, dt, rod(), state.hold, place, {}, scratch);
     }
     uint32_t row_of(uint32_t hold) const {
@@ -41,7 +41,7 @@ struct TestRod {
             if (state.held[i] == hold) return i;
         return kNone;
     }
-    double energy(double gravity = kGravity) { return energy_of_rod(thread, rod(), state.hold, {0, 0, -gravity}).sum(); }
+    double energy(double gravity = kWeightPerMass) { return energy_of_rod(thread, rod(), state.hold, {0, 0, -gravity}).sum(); }
 };
 
 TEST(Rod, HangsAsACatenary) {
@@ -61,8 +61,8 @@ TEST(Rod, HangsAsACatenary) {
     }
     const double sag = low * (std::cosh(0.075 / low) - 1);
     EXPECT_NEAR(-t.state.position[50].z(), sag, 3e-3 * sag);
-    EXPECT_NEAR(tension_of(t.thread, t.rod(), 50), low * mass_per_length(t.thread) * kGravity,
-                5e-3 * low * mass_per_length(t.thread) * kGravity);
+    EXPECT_NEAR(tension_of(t.thread, t.rod(), 50), low * mass_per_length(t.thread) * kWeightPerMass,
+                5e-3 * low * mass_per_length(t.thread) * kWeightPerMass);
 }
 
 TEST(Rod, StretchesUnderItsOwnWeight) {
@@ -71,7 +71,7 @@ TEST(Rod, StretchesUnderItsOwnWeight) {
     for (uint32_t i = 0; i < 51; ++i) t.state.position[i] = Vec3d(0, 0, -2e-3 * i);
     t.hold_point(0, 1e6);
     for (int k = 0; k < 3000; ++k) t.step(1e-3);
-    const double length = 0.1, stretch = t.thread.density * kGravity * length * length / (2 * t.thread.youngs_modulus);
+    const double length = 0.1, stretch = t.thread.density * kWeightPerMass * length * length / (2 * t.thread.youngs_modulus);
     EXPECT_NEAR(-t.state.position[50].z() - length, stretch, 1e-3 * stretch);
 }
 
