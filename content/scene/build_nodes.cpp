@@ -172,6 +172,14 @@ void check_bodies_of_nodes(const SceneFile& scene, const World& world) {
                 refuse(scene, link.line, what + "hangs on a node that is disabled or switched and cannot be linked");
         }
     }
+    for (const ToolSpec& tool : scene.tools)
+        for (const ActionSpec& action : tool.actions)
+            for (const std::string& name : action.action.kind == ActionKind::kSuture ? action.bodies : std::vector<std::string>{}) {
+                const uint32_t body = find_body(world, name);
+                if (body != kNone && may_be_off(world, body))
+                    refuse(scene, action.line,
+                           "a suture: \"" + name + "\" hangs on a node that is disabled or switched and cannot be sewn");
+            }
     for (uint32_t body = 0; body < scene.bodies.size(); ++body)
         if (scene.bodies[body].scatter.rate > 0 && may_be_off(world, body))
             refuse(scene, scene.bodies[body].line,

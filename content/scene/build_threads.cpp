@@ -8,11 +8,14 @@
 namespace trocar {
 namespace {
 
-// Points along a line through `corners`, `spacing` apart or a little less.
+constexpr size_t kMostPoints = 10'000;
+
+// Points along a line through `corners`, `spacing` apart or a little less. None if they are too many.
 std::vector<Vec3d> points_along(const std::vector<Vec3d>& corners, double spacing) {
     double length = 0;
     for (size_t i = 1; i < corners.size(); ++i) length += (corners[i] - corners[i - 1]).norm();
     const auto pieces = std::max<size_t>(1, static_cast<size_t>(std::ceil(length / spacing - 1e-9)));
+    if (pieces >= kMostPoints) return {};
     std::vector<Vec3d> points{corners.front()};
     double passed = 0;  // at corner i - 1
     size_t i = 1;
@@ -51,10 +54,14 @@ void add_thread(const SceneFile& scene, const ThreadSpec& spec, World& world) {
     for (size_t i = 1; i < corners.size(); ++i)
         if (!((corners[i] - corners[i - 1]).norm() > 1e-9)) refuse(scene, spec.line, where + "two points of its path are one");
     const std::vector<Vec3d> points = points_along(corners, thread.spacing);
-    if (points.size() > 10'000) refuse(scene, spec.line, where + "more than 10,000 points: spacing is too small");
+    if (points.empty()) refuse(scene, spec.line, where + "more than 10,000 points: spacing is too small");
+    for (size_t i = 1; i < points.size(); ++i)
+        if (!((points[i] - points[i - 1]).norm() > 0.01 * thread.spacing))
+            refuse(scene, spec.line, where + "its path turns back on itself");
     thread.most_bites = spec.bites;
-    // every bite and the pieces beside it take up to three points
-    thread.rows = {static_cast<uint32_t>(state.position.size()), static_cast<uint32_t>(points.size()) + 3 * spec.bites + 2};
+    // every bite and the pieces beside it take up to three points; what is drawn through bites has points 7/8 of the spacing apart
+    const auto count = static_cast<uint32_t>(points.size());
+    thread.rows = {static_cast<uint32_t>(state.position.size()), count + count / 7 + 1 + 3 * spec.bites + 2};
     const size_t rows = thread.rows.end();
     state.material.resize(rows, 0.0), state.position.resize(rows, Vec3d::Zero()), state.velocity.resize(rows, Vec3d::Zero());
     state.held.resize(rows, kNone), state.touching.resize(rows, kNone);
@@ -89,6 +96,15 @@ void add_sewn(const SceneFile& scene, const ActionSpec& spec, uint32_t index, Wo
     for (const std::string& name : spec.bodies) {
         const uint32_t body = find_body(scene, spec.line, world, name, where);
         if (!is_deformable(world.bodies, body)) refuse(scene, spec.line, where + "body \"" + name + "\" must be deformable");
+        // a bite stays on the triangle that it was made in
+        const bool cut = std::ranges::any_of(scene.tools, [&](const ToolSpec& tool) {
+            return std::ranges::any_of(tool.actions, [&](const ActionSpec& other) {
+                return other.action.kind == ActionKind::kCut && std::ranges::find(other.bodies, name) != other.bodies.end();
+            });
+        });
+        if (cut || std::ranges::find(world.tears.body, body, &TearBody::body) != world.tears.body.end())
+            refuse(scene, spec.line, where + "body \"" + name + "\" is cut or tears: it cannot be sewn");
+        if (scene.bodies[body].scatter.rate > 0) refuse(scene, spec.line, where + "bodies that come and go cannot be sewn");
         // as of a staple: four times the springs of the tissue
         const double stiffness =
             spec.action.stiffness > 0 ? spec.action.stiffness : 4 * static_cast<double>(world.bodies.spring_stiffness[body]);

@@ -35,6 +35,7 @@ ThreadSpec read_thread(TomlSection section) {
     spec.end = Vec3d::Constant(std::nan(""));
     section.read("end", spec.end);
     spec.end_given = spec.end.allFinite();
+    if (spec.end_given && spec.end.cwiseAbs().maxCoeff() > 1e3) section.fail("end is a point [x, y, z] (m) of the tool's body");
     if (spec.end_given && spec.tool.empty()) section.fail("end is where the thread hangs on its tool: it needs tool");
     spec.path = read_points(section, "path");
     if (spec.path.size() < (spec.tool.empty() ? 2u : 1u))

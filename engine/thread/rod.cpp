@@ -491,13 +491,14 @@ bool insert_row(Rod rod, uint32_t i) {
     return true;
 }
 
-// A point in the middle of the piece from i to the next.
-void halve(Rod rod, uint32_t i) {
-    if (!insert_row(rod, i + 1)) return;
+// A point in the middle of the piece from i to the next. False if there is no room.
+bool halve(Rod rod, uint32_t i) {
+    if (!insert_row(rod, i + 1)) return false;
     rod.material[i + 1] = 0.5 * (rod.material[i] + rod.material[i + 2]);
     rod.position[i + 1] = 0.5 * (rod.position[i] + rod.position[i + 2]);
     rod.velocity[i + 1] = 0.5 * (rod.velocity[i] + rod.velocity[i + 2]);
     rod.held[i + 1] = kNone;
+    return true;
 }
 
 }  // namespace
@@ -516,7 +517,7 @@ uint32_t refine_rod(const Thread& thread, Rod rod, std::span<ThreadHold> holds) 
         }
         if (i > 1 && rod.held[i - 1] == kNone && rod.material[i] - rod.material[i - 1] < 0.5 * h) erase_row(rod, i - 1), --i;
         if (i + 2 < rod.count && rod.held[i + 1] == kNone && rod.material[i + 1] - rod.material[i] < 0.5 * h) erase_row(rod, i + 1);
-        if (rod.material[i] - rod.material[i - 1] > 1.75 * h) halve(rod, i - 1), ++i;
+        if (rod.material[i] - rod.material[i - 1] > 1.75 * h && halve(rod, i - 1)) ++i;
         if (i + 1 < rod.count && rod.material[i + 1] - rod.material[i] > 1.75 * h) halve(rod, i);
     }
     return off;

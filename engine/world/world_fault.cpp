@@ -674,7 +674,8 @@ void check_threads(const World& w) {
     const ThreadState& s = w.thread_state;
     const size_t rows = s.material.size();
     require(s.count.size() == w.threads.thread.size() && s.progress.size() == s.count.size() && s.position.size() == rows &&
-                s.velocity.size() == rows && s.held.size() == rows && s.touching.size() == rows && (s.stable_dt.empty() || s.stable_dt.size() == w.bodies.mesh.size()),
+                s.velocity.size() == rows && s.held.size() == rows && s.touching.size() == rows &&
+                (s.stable_dt.empty() || s.stable_dt.size() == w.bodies.mesh.size()),
             "threads: arrays of different length");
     for (size_t t = 0; t < s.count.size(); ++t) {
         const Thread& thread = w.threads.thread[t];
@@ -683,18 +684,31 @@ void check_threads(const World& w) {
                 "threads: radius, modulus, density and spacing must be above 0");
         require(s.count[t] >= 2 && s.count[t] <= thread.rows.count, "threads: one with fewer than two points");
         for (uint32_t i = thread.rows.first; i < thread.rows.first + s.count[t]; ++i) {
-            require(s.held[i] == kNone || s.held[i] < s.hold.size(), "threads: a point that nothing holds");
-            require(s.touching[i] == kNone || s.touching[i] < s.touch.size(), "threads: a point that touches nothing");
+            require(s.held[i] == kNone || (s.held[i] < s.hold.size() && s.hold[s.held[i]].thread == t),
+                    "threads: a point that nothing holds");
+            require(s.touching[i] == kNone || (s.touching[i] < s.touch.size() && s.touch[s.touching[i]].thread == t),
+                    "threads: a point that touches nothing");
             require(i == thread.rows.first || s.material[i] > s.material[i - 1], "threads: points that do not ascend");
         }
     }
+    for (const double dt : s.stable_dt) require(dt > kShortestStep, "threads: a step is too short");
     const auto fits = [&](uint32_t body, const std::array<uint32_t, 4>& nodes) {
         const bool soft = body != kNone && is_deformable(w.bodies, body);
-        return std::all_of(nodes.begin(), nodes.end(), [&](uint32_t n) { return n == kNone || (soft && n < w.bodies.particles[body].count); });
+        const uint32_t count = soft ? w.bodies.particles[body].count - embedded_count(w.solids, w.bodies.mesh[body]) : 0;
+        return std::all_of(nodes.begin(), nodes.end(), [&](uint32_t n) { return n == kNone || n < count; });
     };
+    size_t before = 0;
+    for (const SewnBody& sewn : w.threads.sewn) {
+        require(is_deformable(w.bodies, sewn.body) && sewn.vertices.count == w.meshes.info[w.bodies.mesh[sewn.body]].vertices.count &&
+                    sewn.vertices.first == before,
+                "threads: what is sewn does not fit its surface");
+        before += sewn.vertices.count;
+    }
+    require(s.before.size() == before, "threads: what is sewn does not fit its surface");
     for (const ThreadHold& hold : s.hold)
         require(fits(hold.body, hold.node) && hold.stiffness >= 0, "threads: a node that its body does not have");
-    for (const ThreadTouch& touch : s.touch) require(fits(touch.body, touch.node), "threads: touched at a node that its body does not have");
+    for (const ThreadTouch& touch : s.touch)
+        require(fits(touch.body, touch.node), "threads: touched at a node that its body does not have");
     for (const NeedleHole& hole : s.hole) {
         const uint32_t body = w.threads.sewn[hole.sewn].body;
         require(fits(body, hole.node), "threads: a hole at a node that its body does not have");

@@ -24,6 +24,9 @@
 namespace trocar {
 namespace {
 
+bool any_link(const World& w);
+bool any_threaded_tool(const World& w);
+
 // Functions of the table below, in its order: each passes columns of the world and scratch to one system.
 namespace stages {
 void device_input(World& w, FrameState& f) {
@@ -63,7 +66,7 @@ void tear(World& w, FrameState&) {
 void torn_springs(World& w, FrameState&) { copy_torn_springs(w.springs, w.solids, w.bodies, w.tears, w.torn, w.torn_springs); }
 
 void tool_cuts(World& w, FrameState&) {
-    cut_with_tools({w.bodies, w.actions, w.haptics.tool, w.settings.gravity, period_seconds(w), !w.links.group.empty(), w.poses,
+    cut_with_tools({w.bodies, w.actions, w.haptics.tool, w.settings.gravity, period_seconds(w), any_link(w) || any_threaded_tool(w), w.poses,
                     w.particles, w.meshes, w.springs, w.solids, w.anchors, w.trees, w.haptics.state, w.action_state, w.sleep, w.energy});
 }
 
@@ -250,7 +253,7 @@ void threads(World& w, FrameState& f) {
                       w.energy);
 }
 void thread_forces(World& w, FrameState&) {
-    note_thread_forces(period_seconds(w), w.threads, w.links.group.empty(), w.thread_state, w.haptics.state);
+    note_thread_forces(period_seconds(w), w.threads, !any_link(w), w.thread_state, w.haptics.state);
 }
 
 FluidPass fluid_pass(const World& w) {

@@ -7,8 +7,8 @@
 #include "components/report.hpp"
 #include "engine/distance/closest_point.hpp"
 #include "engine/mesh/surfaces.hpp"
-#include "engine/tissue/cut_solid_setup.hpp"
 #include "engine/tissue/body_energy.hpp"
+#include "engine/tissue/cut_solid_setup.hpp"
 namespace trocar {
 
 // What cuts change. No other body's elements move.
@@ -18,7 +18,7 @@ struct CutWorld {
     std::span<const HandTool> tools;
     Vec3d gravity;       // m/s^2
     double period = 0;   // s, of the pass
-    bool links = false;  // the frame notes the forces of links on the tools
+    bool links = false;  // a later stage notes the forces of links and threads on the tools
     Poses& poses;        // velocities of the tools
     Particles& particles;
     Meshes& meshes;

@@ -145,7 +145,9 @@ bool make_bite(const ActionPass& pass, const Vec3d& gravity, const Threads& thre
     const SewnBody& sewn = threads.sewn[hole.sewn];
     const Thread& thread = threads.thread[sewn.thread];
     Rod rod = rod_of(thread, sewn.thread, state);
-    if (state.hold.size() >= threads.most_holds) return false;
+    const auto bites =
+        std::ranges::count_if(state.hold, [&](const ThreadHold& h) { return h.thread == sewn.thread && h.slides && h.tied == kNone; });
+    if (bites >= static_cast<std::ptrdiff_t>(thread.most_bites) || state.hold.size() >= threads.most_holds) return false;
     const uint32_t last = rod.count - 1;
     const double piece = rod.material[last] - rod.material[last - 1];
     ThreadHold hold;

@@ -138,12 +138,14 @@ double set_thread_forces(const AdvanceCall& call, AdvanceIsland& island, uint32_
         if (const uint32_t h = rod.held[i]; h != kNone) {
             t.row[h] = first + i;
             t.force[h] = state.hold[h].stiffness * (rod.position[i] - t.place[h]);
+            if (!t.force[h].allFinite()) t.force[h].setZero();  // of a body about to be restored
             t.kick[h] = kick_on(call, island, state.hold[h], t.rigid[h]);
         } else if (const uint32_t k = rod.touching[i]; k != kNone) {
             const Vec3d start = rod.position[i] - call.dt * rod.velocity[i];
             const PlaneForce force = force_of_plane(t.plane[k], start, rod.position[i], call.dt);
             t.touch_row[k] = first + i;
             t.touch_force[k] = -force.normal - force.friction, t.touch_friction[k] = -force.friction;
+            if (!t.touch_force[k].allFinite()) t.touch_force[k] = t.touch_friction[k] = Vec3d::Zero();
             work += call.dt * force.friction.dot(rod.velocity[i]);
         }
     }
@@ -216,8 +218,9 @@ void step_threads(const AdvanceCall& call, const Particles& particles, AdvanceIs
         if (account) {
             result.work_damping += step.damping_work, result.work_contact += step.friction_work + rubbed;
             result.work_links += drawn + step.knot_work;
-            result.work_numeric +=
+            const double numeric =
                 energy_of_thread(call, thread, rod) - before - step.damping_work - step.friction_work - step.knot_work - rubbed;
+            if (std::isfinite(numeric)) result.work_numeric += numeric;
         }
         progress.largest_tension = std::max(progress.largest_tension, step.largest_tension);
         progress.friction_work += step.friction_work;
@@ -294,6 +297,7 @@ void finish_threads(const AdvanceCall& call, const Particles& particles, Advance
         hold.impulse += t.kick[h] * t.force[h];
         const Vec3d& at = state.position[t.row[h]];
         const Vec3d place = thread_place_at_velocity(particles, island, hold, t.rigid[h]);
+        if (!place.allFinite()) continue;  // of a body about to be restored
         const double energy = energy_of_hold(hold.stiffness, at - place),
                      gained = energy - energy_of_hold(hold.stiffness, at - hold.before);
         if (t.rigid[h] != kNone) result.work_hand += gained;
@@ -308,6 +312,7 @@ void finish_threads(const AdvanceCall& call, const Particles& particles, Advance
         ThreadTouch& touch = state.touch[k];
         const Vec3d& at = state.position[t.touch_row[k]];
         const Vec3d place = thread_place_at_velocity(particles, island, touch, t.touch_rigid[k]);
+        if (!place.allFinite()) continue;
         const double energy = energy_of_touch(touch, at, place), rubbed = t.touch_friction[k].dot(place - touch.before);
         // a scripted body gives and takes what friction takes and gives on its side
         if (t.touch_rigid[k] != kNone) result.work_hand += energy - energy_of_touch(touch, at, touch.before);

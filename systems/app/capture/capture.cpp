@@ -162,8 +162,7 @@ void FrameRecorder::before_pass() {
         input_before_ = std::exchange(input_, std::move(tools.arrays));
     }
     const bool begins = std::any_of(triggers_.ranges.begin(), triggers_.ranges.end(), [&](const auto& range) { return range[0] == pass; });
-    if (!kept_.empty() && !begins && pass % kStatePeriod != 0 && !state_due_) return;
-    state_due_ = false;
+    if (!kept_.empty() && !begins && pass % kStatePeriod != 0) return;
     std::shared_ptr<Stretch> stretch = free_stretch();
     save_state(frame_.world(), stretch->state);
     for (CaptureArray a : input_before_) {
@@ -265,6 +264,9 @@ void FrameRecorder::forget() {
 }
 
 void FrameRecorder::constants_changed() {
+    write_worst();
+    if (!open_ranges_.empty()) notes_.push_back("a range of passes ends where a viewer changed the scene");
+    finish_ranges();
     forget();
     scene_.arrays.clear();
     save_resources(frame_.world(), ResourceKind::kConstant, scene_);
@@ -283,12 +285,21 @@ void FrameRecorder::finish() {
     if (over_ > kMostCaptures)
         notes_.push_back("over: of " + std::to_string(over_) + " passes the worst " + std::to_string(kMostCaptures) + " are kept");
     if (lost_ == kMostCaptures) notes_.push_back("nan: the first " + std::to_string(lost_) + " passes are kept");
+    finish_ranges();
+    write_worst();
+}
+
+void FrameRecorder::finish_ranges() {
     guarded([&] {
         for (OpenRange& range : open_ranges_) range.writer->finish();
     });
     open_ranges_.clear();
+}
+
+void FrameRecorder::write_worst() {
     if (worst_.empty()) return;
     write(worst_, worst_pass_, format("worst pass %llu: %.3f ms", static_cast<unsigned long long>(worst_pass_), worst_ms_));
+    worst_.clear();
 }
 
 }  // namespace trocar

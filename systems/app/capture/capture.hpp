@@ -23,7 +23,7 @@ struct CaptureTriggers {
     bool lost = false;                            // particles became non-finite; at most kMostCaptures
     std::vector<std::string> counters;            // counters in Report; each triggers when it first rises
     bool signal = false;                          // SIGUSR1, see CaptureSignal
-    bool viewer = false;                          // the button of a live view: whoever records calls write_now
+    bool viewer = false;                          // the button of a live view, which calls write_now
     bool any() const { return !ranges.empty() || worst || over_ms > 0 || lost || !counters.empty() || signal || viewer; }
 };
 inline constexpr uint32_t kMostCaptures = 10;  // per trigger of this kind
@@ -58,10 +58,9 @@ class FrameRecorder {
                   size_t most_bytes = kMostKeptBytes, uint64_t passes = 0);
     void before_pass();
     void after_pass(const PassFigures& pass);
-    void finish();                         // call after the last pass
-    void forget();                         // call when the run returns to an earlier pass
-    void constants_changed();              // call when constants of the world, or which stages it needs, were changed between two passes
-    void changed() { state_due_ = true; }  // call when the state was changed between two passes
+    void finish();             // call after the last pass
+    void forget();             // call when the run returns to an earlier pass, or its state was changed between two passes
+    void constants_changed();  // call when constants of the world, or which stages it needs, were changed between two passes
     // Writes the passes in memory now. The first word of `reason` becomes part of the file name.
     void write_now(const std::string& reason);
     // Why capturing ended early; empty if it did not. Everything written until then can be read.
@@ -89,6 +88,8 @@ class FrameRecorder {
     template <typename Write>
     void guarded(const Write& write);
     void reserve(uint64_t passes);
+    void finish_ranges();
+    void write_worst();
     std::shared_ptr<Stretch> free_stretch();
     void drop_old_states();
     void look_for_triggers(const CaptureStep& step);
@@ -103,7 +104,6 @@ class FrameRecorder {
     CaptureRecord scene_;
     std::vector<std::shared_ptr<Stretch>> stretches_;  // all buffers; free if there is no other owner
     Kept kept_, worst_;
-    bool state_due_ = false;
     double worst_ms_ = 0;
     uint64_t worst_pass_ = 0;
     struct OverPass {

@@ -139,6 +139,8 @@ LiveRecording read_live_recording(const std::filesystem::path& path) {
     } catch (const InputError& error) {
         fail(std::string("recording is inconsistent: ") + error.what());
     }
+    if ((flags & ~(kLockstepFlag | kViewedFlag)) != 0 || (r.lockstep && (tools > 0 || ticks > 0)) || (!r.viewed && !r.command.empty()))
+        fail("recording is inconsistent: its flags do not fit what it holds");
     for (const LiveTick& tick : r.tick)
         if (tick.tool >= tools) fail("recording is inconsistent: a tick of a tool that does not exist");
     return r;

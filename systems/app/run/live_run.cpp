@@ -223,10 +223,20 @@ void first_device_states(World& world) {
 }
 
 void heed_viewers(const RunParts& run, LiveRecording* recording) {
-    if (!run.view || !run.actions) return;
+    if (!run.view) return;
     const World& w = run.frame.world();
+    if (run.view->take_capture() && run.recorder) {
+        const size_t before = run.recorder->files().size();
+        run.recorder->write_now("view");
+        run.view->tell(run.recorder->files().size() > before ? "captured: captures/" + run.recorder->files().back()
+                                                             : "no pass to capture yet");
+    }
     for (ViewCommand& command : run.view->take_commands()) {
         command.pass = w.clock.pass;
+        if (!run.actions) {
+            run.view->tell("a run that is repeated takes no commands");
+            continue;
+        }
         try {
             run.actions->obey(command, run.frame, run.watch);
         } catch (const InputError& error) {
@@ -235,15 +245,13 @@ void heed_viewers(const RunParts& run, LiveRecording* recording) {
         }
         const bool sets = command.kind == ViewCommand::Kind::kSet;
         if (sets) run.view->tell(command.key + " = " + command.value + format(" from %.3f s on", 1e-3 * static_cast<double>(w.clock.tick)));
-        if (run.recorder) sets || command.kind == ViewCommand::Kind::kGrab ? run.recorder->constants_changed() : run.recorder->changed();
+        if (run.recorder) sets || command.kind == ViewCommand::Kind::kGrab ? run.recorder->constants_changed() : run.recorder->forget();
         if (recording) recording->command.push_back(std::move(command));
     }
+    if (!run.actions) return;
     run.actions->before_pass(run.frame);
-    if (run.recorder && run.actions->holds()) run.recorder->changed();
-    if (!run.view->take_capture() || !run.recorder) return;
-    const size_t before = run.recorder->files().size();
-    run.recorder->write_now("view");
-    run.view->tell(run.recorder->files().size() > before ? "captured: captures/" + run.recorder->files().back() : "no pass to capture yet");
+    // a capture repeats passes, not what a hand does between them
+    if (run.recorder && run.actions->holds()) run.recorder->forget();
 }
 
 void note_end_of_results(const RunParts& run) {

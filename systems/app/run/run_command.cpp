@@ -76,9 +76,9 @@ void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& 
     for (const std::string& name : frame.stage_names()) figures.stage.push_back({name, {}});
 }
 
-CaptureHeader capture_header(const BuiltScene& scene, const RunFigures& figures) {
+CaptureHeader capture_header(const BuiltScene& scene, const RunFigures& figures, bool external_ticks) {
     CaptureHeader header{figures.scene, figures.version, figures.instruction_set, figures.machine, "", {}, scene.camera};
-    header.live = figures.live || figures.replay;
+    header.live = external_ticks;
     header.wireframe = scene.picture.wireframe, header.depth_colours = scene.picture.depth_colours;
     for (const StageFigures& stage : figures.stage) header.stages.push_back(stage.name);
     return header;
@@ -648,7 +648,8 @@ int run_command(const RunOptions& options) {
         if (replay) repeat.emplace(haptic_params(frame.world().clock.contact_rate), recording, options.replay.string(), frame);
         std::optional<FrameRecorder> recorder;
         if (!options.capture.empty())
-            recorder.emplace(frame, capture_header(scene, figures), triggers, options.out / "captures", FrameRecorder::kMostKeptBytes,
+            recorder.emplace(frame, capture_header(scene, figures, frame_options.external_ticks), triggers, options.out / "captures",
+                             FrameRecorder::kMostKeptBytes,
                              static_cast<uint64_t>(std::min(seconds, 1e6) * frame.world().clock.contact_rate));
         std::optional<PlayerRecorder> player;
         if (options.player && has_player() && !options.out.empty() && !options.figures_only) player.emplace(frame);
@@ -670,7 +671,7 @@ int run_command(const RunOptions& options) {
                            player ? &*player : nullptr,
                            exercise ? &*exercise : nullptr,
                            view ? &*view : nullptr,
-                           view ? &actions : nullptr,
+                           view && !replay ? &actions : nullptr,
                            kept};
         if (view) view->offer_captures(recorder.has_value());
         if (view) view->attach(frame, figures.scene, scene.camera, !options.live);

@@ -69,8 +69,8 @@ bool ViewerActions::is_marked(std::string_view key) {
 void ViewerActions::make_room(World& world) {
     Links& l = world.links;
     if (world.particles.offset.empty()) return;
-    const size_t links = l.node.size() + kNodes;
-    l.group.reserve(l.group.size() + 1);
+    const size_t links = l.node.capacity() + kNodes;
+    l.group.reserve(l.group.capacity() + 1);
     l.node.reserve(links), l.far_node.reserve(links), l.point.reserve(links), l.rest.reserve(links), l.stretch.reserve(links);
     l.whole.reserve(links), l.stable_dt.reserve(world.bodies.mesh.size());
 }
@@ -121,7 +121,12 @@ void ViewerActions::grab(uint32_t body, const Vec3d& point, World& w) {
     const bool soft = is_deformable(w.bodies, body);
     if (!soft && (w.bodies.motion[body] != Motion::kFree || !find_rigid_mass(w.bodies, body)))
         throw InputError(name + " is not moved by forces: a hand cannot drag it");
-    if (is_away(w.spawning, body)) throw InputError(name + " is away");
+    for (const auto& slots : w.pools.slots)
+        if (body >= slots.first && body < slots.end()) throw InputError(name + " comes and goes: a hand cannot drag it");
+    const uint32_t held_before = body_;
+    const Entity links_before = links_;
+    const Links links_of_world = w.links;
+    const Energy energy_before = w.energy;
     let_go(w);
     if (!soft) {
         arm_ = rotate_back(w.poses.orientation[body], point - w.poses.origin[body]);
@@ -138,13 +143,12 @@ void ViewerActions::grab(uint32_t body, const Vec3d& point, World& w) {
     group.most = kNodes;
     group.stiffness = kStiffness / kNodes;
     group.gauge = info.mean_edge;
-    const size_t groups = w.links.group.size();
     const Entity made = add_link_group(w.links, group);
     LinkScratch scratch;
     const uint32_t links = make_links({surfaces_of(w), w.solids, w.trees}, made.index, scratch, w.links, w.energy);
     if (links == 0) {
-        free_link_group(w.links, made, w.energy);
-        w.links.group.resize(groups);  // as it was
+        w.links = links_of_world, w.energy = energy_before;
+        body_ = held_before, links_ = links_before;
         throw InputError(name + ": no node that can move is near");
     }
     LinkGroup& held = w.links.group[made.index];

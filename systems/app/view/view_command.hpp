@@ -20,7 +20,7 @@ struct ViewCommand {
 std::string text_of(const ViewCommand& command);
 
 // Reads such a line; throws InputError that says what is missing or of another type. Numbers are finite; whether there is such a body or
-// key is for who obeys to see.
+// key shows when it is obeyed.
 ViewCommand read_view_command(const std::string& text);
 
 }  // namespace trocar

@@ -74,7 +74,7 @@ struct Client {
     bool admitted = false, waits_for_start = false, too_long = false;
     std::string text;                                         // of the incoming message
     std::vector<uint8_t> start;                               // empty = none to send
-    std::deque<std::shared_ptr<const PlayerFrame> > waiting;  // frames
+    std::deque<std::shared_ptr<const PlayerFrame>> waiting;  // frames
     std::string status;                                       // empty = none to send
 };
 
@@ -98,7 +98,7 @@ struct ViewServer::Inside {
     std::atomic<size_t> admitted{0};
     std::mutex lock;  // of what follows
     std::vector<Client> clients;
-    std::shared_ptr<const std::vector<uint32_t> > coordinates;
+    std::shared_ptr<const std::vector<uint32_t>> coordinates;
     uint32_t next_id = 1;
 
     bool knows_host(lws* socket) const { return std::ranges::count(hosts, header_of(socket, WSI_TOKEN_HOST)) > 0; }
@@ -140,7 +140,7 @@ int write_message(lws* socket, MessageKind kind, const std::vector<uint8_t>& byt
 }
 
 // Frames that follow each other, as one.
-PlayerFrame joined(const std::deque<std::shared_ptr<const PlayerFrame> >& frames, std::span<const uint32_t> coordinates) {
+PlayerFrame joined(const std::deque<std::shared_ptr<const PlayerFrame>>& frames, std::span<const uint32_t> coordinates) {
     PlayerFrame all = *frames.front();
     for (size_t i = 1; i < frames.size(); ++i) {
         const PlayerFrame& next = *frames[i];
@@ -223,9 +223,9 @@ int ViewServer::Inside::on_receive(lws* socket, const char* data, size_t size) {
 // One message a call: the start before frames, frames before a status.
 int ViewServer::Inside::on_writable(lws* socket) {
     std::vector<uint8_t> start;
-    std::deque<std::shared_ptr<const PlayerFrame> > frames;
+    std::deque<std::shared_ptr<const PlayerFrame>> frames;
     std::string status;
-    std::shared_ptr<const std::vector<uint32_t> > shape;
+    std::shared_ptr<const std::vector<uint32_t>> shape;
     bool more = false;
     {
         const std::lock_guard guard(lock);
@@ -394,7 +394,7 @@ void ViewServer::send_start(std::vector<uint8_t> bytes) {
 
 void ViewServer::send_frame(PlayerFrame frame, std::span<const uint32_t> coordinates) {
     if (!inside_->coordinates || !std::ranges::equal(*inside_->coordinates, coordinates))
-        inside_->coordinates = std::make_shared<const std::vector<uint32_t> >(coordinates.begin(), coordinates.end());
+        inside_->coordinates = std::make_shared<const std::vector<uint32_t>>(coordinates.begin(), coordinates.end());
     const auto shared = std::make_shared<const PlayerFrame>(std::move(frame));
     for (Client& client : inside_->clients) {
         if (!client.admitted || client.waits_for_start) continue;

@@ -230,7 +230,7 @@ trocar_code trocar_pairs(const trocar_world* world, trocar_pair* out, size_t cap
 /* A group of links: springs from nodes of a deformable body to a holder. */
 typedef struct {
     uint32_t size;
-    uint32_t body, holder; /* TROCAR_NONE: a free slot */
+    uint32_t body, holder; /* TROCAR_NONE: a free slot; of holder alone: the world */
     uint32_t holding;      /* links now */
     uint64_t made, broken; /* so far */
     double force[3];       /* N, of the holder on the body, mean over the last pass */
