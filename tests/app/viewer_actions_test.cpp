@@ -187,6 +187,15 @@ TEST(ViewerActions, WhatCannotBeDoneIsRefusedAndChangesNothing) {
     actions.before_pass(frame);
     EXPECT_EQ(scene_hash(frame.world()), all);
     EXPECT_EQ(state_hash(frame.world()), hash);
+    // nor when there is a slot of an earlier hand, or a body in the hand
+    actions.obey(command(Kind::kGrab, {0, 0, 0.06}, 0), frame, nullptr);
+    for (int held = 1; held >= 0; --held) {
+        const uint64_t now = state_hash(frame.world());
+        EXPECT_THROW(actions.obey(command(Kind::kGrab, Vec3d(9, 9, 9), 0), frame, nullptr), InputError);
+        EXPECT_EQ(state_hash(frame.world()), now) << held;
+        EXPECT_EQ(actions.holds(), held == 1);
+        actions.obey(command(Kind::kLet), frame, nullptr);
+    }
 }
 
 // A viewed run with commands is repeated from its recording, through a file and with another number of threads; without commands it
@@ -245,6 +254,13 @@ TEST(ViewerActions, AViewedRunIsRepeatedToTheBit) {
     EXPECT_EQ(difference(again, 1), "");
     EXPECT_EQ(difference(again, 3), "");
     LiveRecording other = again;
+    other.viewed = false;
+    write_live_recording(file, other);
+    EXPECT_THROW(read_live_recording(file), InputError) << "commands of nobody";
+    other.viewed = true, other.tools = 1, other.taken.assign(other.slip.size(), 1);
+    write_live_recording(file, other);
+    EXPECT_THROW(read_live_recording(file), InputError) << "ticks of a run without a clock";
+    other = again;
     other.command[1].point.x() = std::nextafter(other.command[1].point.x(), 1.0);
     EXPECT_NE(difference(other, 2), "") << "one bit of one pull";
 }

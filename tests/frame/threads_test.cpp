@@ -307,6 +307,8 @@ TEST(Threads, WhatCannotBeIsRefused) {
     };
     EXPECT_EQ(error("name = \"silk\"\n", "name = \"silk\"\ndiameter = 2e-4\n"), "");
     EXPECT_NE(error("thread = \"silk\"", "thread = \"wool\"").find("no thread is named \"wool\""), std::string::npos);
+    EXPECT_NE(error("thickness = 1e-3\n", "thickness = 1e-3\nbreak_strain = 0.5\n").find("is cut or tears"), std::string::npos);
+    EXPECT_NE(error("path = [[-0.0671, 0.0, 0.012]]", "path = [[-900.0, 0.0, 0.012]]").find("more than 10,000"), std::string::npos);
     EXPECT_NE(error("bodies = \"sheet\"", "bodies = \"needle\"").find("must be deformable"), std::string::npos);
     EXPECT_NE(error("tool = \"needle\"", "tool = \"sheet\"").find("no tool has the body"), std::string::npos);
     EXPECT_NE(error("path = [[-0.0671, 0.0, 0.012]]", "").find("needs path"), std::string::npos);
