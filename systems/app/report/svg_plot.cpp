@@ -12,7 +12,7 @@ constexpr double kWidth = 640, kHeight = 300, kLeft = 64, kRight = 16, kTop = 34
 constexpr const char* kColors[] = {"#1f6feb", "#d1495b", "#2a9d5c", "#e29a2f", "#7b4ab8", "#4d4d4d", "#00a3a3", "#a05a2c"};
 
 struct Axis {
-    double low, high, step;
+    double low = 0, high = 1, step = 1;
 };
 
 // Round ticks around [low, high].
