@@ -81,10 +81,10 @@ struct ToolPierce {
 
 // How a tool that starts or is found inside a body leaves it.
 struct ToolExit {
-    uint32_t body = kNone;       // that it is inside
-    Vec3d way = Vec3d::Zero();   // unit, world
-    Vec3d goal = Vec3d::Zero();  // m, from the device to where the tool is outside; zero once it is
-    TROCAR_FIELDS(body, "index of bodies or none", way, goal, "m");
+    uint32_t body = kNone;            // that it is inside
+    Vec3d direction = Vec3d::Zero();  // unit, world
+    Vec3d goal = Vec3d::Zero();       // m, from the device to where the tool is outside; zero once it is
+    TROCAR_FIELDS(body, "index of bodies or none", direction, goal, "m");
 };
 
 // Motion of a device estimated from its positions, smoothed twice: constant acceleration lags by half a

@@ -351,7 +351,7 @@ void check_law(const World& w, uint32_t body, const std::string& name) {
     for (uint32_t i = 0; i < Prony::kMost; ++i)
         require(i < branches ? prony.time[i] > 0 && prony.share[i] > 0 && std::isfinite(prony.share[i])
                              : prony.time[i] == 0 && prony.share[i] == 0,
-                name, " relaxes in no known way");
+                name, ": a relaxation time and its share must be positive");
     require(law == TissueLaw::kSprings || w.solids.metric.size() >= size_t{6} * w.solids.info[prototype].tetrahedra.end(), name,
             ": its law lacks data (give_law)");
     if (branches == 0) return;
@@ -373,7 +373,8 @@ void check_body(const World& w, uint32_t body) {
     if (has_pressure(b, body)) check_fans(w, b.mesh[body]);
     if (has_bending(b, body)) check_hinges(w, b.mesh[body]);
     const Stepping stepping = stepping_of(b, body);
-    require(stepping.step > kShortestStep && stepping.iterations <= 10000, name, " is stepped in no known way");
+    require(stepping.step > kShortestStep && stepping.iterations <= 10000, name,
+            ": its step must be positive, its iterations at most 10000");
     require(stepping.integrator == Integrator::kLeapfrog || !is_solid(w.solids, b.mesh[body]), name, " is a solid stepped implicitly");
     require(b.particles[body].count == w.springs.vertices[b.mesh[body]].count && b.particles[body].first % kSliceWidth == 0 &&
                 b.particles[body].count >= w.meshes.info[b.mesh[body]].vertices.count,
@@ -453,7 +454,8 @@ void check_links(const World& w) {
         require_below_or_none(group.holder, bodies, "link to body");
         require(is_deformable(w.bodies, group.body) && group.body != group.holder && group.stiffness > 0 &&
                     std::isfinite(group.stiffness) && group.gauge > 0 && group.break_strain > 0,
-                "link group ", std::to_string(g), " holds in no known way");
+                "link group ", std::to_string(g),
+                ": it holds a deformable body, by a stiffness, a gauge and a breaking strain that are positive");
         const bool nodes = group.holder != kNone && is_deformable(w.bodies, group.holder);
         for (uint32_t row = group.links.first; row < group.links.end(); ++row) {
             require_below(l.node[row], w.bodies.particles[group.body].count, "link of node");
@@ -573,7 +575,8 @@ void check_tools(const World& w) {
         require(std::ranges::count(w.haptics.tool, body, &HandTool::body) == 0, "a jaw is a tool");
     }
     for (const HapticSurface& s : w.haptics.surface)
-        require(s.stiffness >= 0 && s.damping >= 0 && s.height >= 0 && s.length > 0, "a surface feels in no known way");
+        require(s.stiffness >= 0 && s.damping >= 0 && s.height >= 0 && s.length > 0,
+                "a haptic surface: stiffness, damping, height and length must be positive");
     for (const DeviceTrace& trace : w.haptics.trace) require(!trace.sample.empty(), "a device trace is empty");
 }
 
@@ -593,7 +596,7 @@ void check_nodes(const World& w) {
         require(d.body >= next && w.bodies.motion[d.body] == Motion::kFree && d.behaviour != NodeBehaviour::kNone && d.inertia > 0 &&
                     std::isfinite(d.inertia) && d.lowest < d.highest && d.damping >= 0 && d.friction >= 0 && d.axis.allFinite() &&
                     (d.click == 0 || d.click_width > 0) && std::isfinite(s.drive[i].coordinate) && std::isfinite(s.drive[i].rate),
-                "body ", std::to_string(d.body), " is driven in no known way");
+                "body ", std::to_string(d.body), ": a driven body is free, with a behaviour, an inertia and limits in order");
         next = uint64_t{d.body} + 1;
     }
     for (const NodeSwitch& t : n.toggle) require(t.to <= 2 && t.event < NodeEventKind::kCount, "a switch is of no kind");

@@ -115,7 +115,7 @@ TEST(ToolInside, LeavesByTheShortestWay) {
             run(scene.build({{"organ.size", "0.08"}}).world, 2, [&](const Frame& frame, int) {
                 const ToolExit& exit = frame.world().haptics.state[0].exit;
                 ASSERT_EQ(exit.body, 0);
-                EXPECT_GT(exit.way.z() * (z > 0 ? 1 : -1), 0.999) << z;
+                EXPECT_GT(exit.direction.z() * (z > 0 ? 1 : -1), 0.999) << z;
                 EXPECT_NEAR(exit.goal.norm(), 0.04 - std::abs(z) + 0.005, 1.3e-3);  // clear of the face, and a pass of lag
             });
         }

@@ -76,7 +76,7 @@ double time_of_impact_of(const ContactInputs& in, std::span<const CcdBody> ccd_b
     return touch > 0 ? touch + seconds_inside : touch;
 }
 
-void cover_ways(std::span<const CcdBody> ccd_bodies, double seconds, const Surfaces& surfaces, BodyBoxes& boxes) {
+void cover_motions(std::span<const CcdBody> ccd_bodies, double seconds, const Surfaces& surfaces, BodyBoxes& boxes) {
     for (const CcdBody& f : ccd_bodies) {
         const double arm = surfaces.meshes.info[surfaces.bodies.mesh[f.body]].radius + f.sweep.pivot.norm();
         const Vec3d margin = Vec3d::Constant(arm + boxes.margin[f.body]);
@@ -93,11 +93,11 @@ void find_ccd_bodies(const FastBodiesInputs& in, std::vector<CcdBody>& ccd_bodie
     const auto& [period, gravity, s, tools, devices, node_state] = in;
     const Poses& poses = s.poses;
     ccd_bodies.clear();
-    // `way`: m, that a hand goes in the pass, which may begin at rest
-    const auto add = [&](uint32_t body, const RigidSweep& sweep, double way = 0) {
+    // `travel`: m, of a hand in the pass, which may begin at rest
+    const auto add = [&](uint32_t body, const RigidSweep& sweep, double travel = 0) {
         if (is_off(in.node_state, body)) return;
         const double arm = in.surfaces.meshes.info[in.surfaces.bodies.mesh[body]].radius + sweep.pivot.norm();
-        const double distance = std::max(way, (boxes.speed[body] + in.surfaces.poses.angular_velocity[body].norm() * arm) * in.period);
+        const double distance = std::max(travel, (boxes.speed[body] + in.surfaces.poses.angular_velocity[body].norm() * arm) * in.period);
         if (distance > boxes.margin[body] && std::isfinite(distance)) ccd_bodies.push_back({body, sweep});
     };
     for (size_t t = 0; t < tools.size(); ++t) {
@@ -116,7 +116,7 @@ void find_ccd_bodies(const FastBodiesInputs& in, std::vector<CcdBody>& ccd_bodie
         add(body, {free.centre, poses.origin[body] + arm, velocity, poses.orientation[body], spin});
     }
     std::ranges::sort(ccd_bodies, {}, &CcdBody::body);
-    cover_ways(ccd_bodies, period, s, boxes);
+    cover_motions(ccd_bodies, period, s, boxes);
 }
 
 void find_times_of_impact(const ContactInputs& in, std::span<const CcdBody> ccd_bodies, std::vector<double>& pair_time_of_impact,

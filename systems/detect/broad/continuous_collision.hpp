@@ -19,7 +19,7 @@ struct FastBodiesInputs {
     const NodeState& node_state;
 };
 
-// Finds hands on the way to their devices, and free bodies, whose displacement by boxes.speed exceeds their
+// Finds hands that follow their devices, and free bodies, whose displacement by boxes.speed exceeds their
 // speculative margin. (A hand that tissue holds back from its device is not fast: constraints hold it.) Their
 // boxes are enlarged to cover their paths, so that they are paired with bodies there.
 void find_ccd_bodies(const FastBodiesInputs& in, std::vector<CcdBody>& ccd_bodies, BodyBoxes& boxes);

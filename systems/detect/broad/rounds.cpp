@@ -16,7 +16,7 @@ double turning_speed(const Surfaces& s, uint32_t body) { return s.poses.angular_
 
 // m, that a body of this radius may move relative to another of at least this size. The factor by trial: with 1 to 6 boxes that slam down
 // on edges stay within the tolerance.
-double longest_way(double tolerance, double radius) { return std::sqrt(2.5 * radius * tolerance); }
+double longest_motion(double tolerance, double radius) { return std::sqrt(2.5 * radius * tolerance); }
 
 struct PressedPair {
     std::array<uint32_t, 2> bodies;
@@ -49,24 +49,24 @@ double half_thickness(const Surfaces& s, uint32_t body) {
 }
 
 // Of a hand in the rest of a pass: as its device moves and turns, or as it moves already.
-struct HandWay {
-    double whole = 0;    // m
+struct HandMotion {
+    double length = 0;   // m
     double fastest = 0;  // m/s
 };
-HandWay way_of_hand(const HandTool& tool, size_t index, const DeviceSamples& devices, const Poses& poses) {
+HandMotion hand_motion(const HandTool& tool, size_t index, const DeviceSamples& devices, const Poses& poses) {
     constexpr double kMillisecond = 1e-3;  // s
     const uint32_t steps = devices.per_tool - 1;
-    HandWay way;
-    way.fastest = poses.velocity[tool.body].norm();
-    const double coasted = way.fastest * kMillisecond * steps;
+    HandMotion motion;
+    motion.fastest = poses.velocity[tool.body].norm();
+    const double coasted = motion.fastest * kMillisecond * steps;
     for (const DeviceState* device = &devices.start(index); device != &devices.end(index); ++device) {
         const double step = (device[1].position - device[0].position).norm() +
                             tool.shell_radius * rotation_vector(device[0].orientation, device[1].orientation).norm();
-        way.whole += step;
-        way.fastest = std::max(way.fastest, step / kMillisecond);
+        motion.length += step;
+        motion.fastest = std::max(motion.fastest, step / kMillisecond);
     }
-    way.whole = std::max(way.whole, coasted);
-    return way;
+    motion.length = std::max(motion.length, coasted);
+    return motion;
 }
 
 }  // namespace
@@ -74,7 +74,7 @@ HandWay way_of_hand(const HandTool& tool, size_t index, const DeviceSamples& dev
 bool may_need_rounds(const Surfaces& s, double fall, double tolerance, double seconds) {
     return std::ranges::any_of(s.bodies.rigid_mass, [&](const RigidMass& free) {
         const double speed = s.poses.velocity[free.body].norm() + turning_speed(s, free.body);
-        return speed * seconds + fall > longest_way(tolerance, radius_of(s, free.body));
+        return speed * seconds + fall > longest_motion(tolerance, radius_of(s, free.body));
     });
 }
 
@@ -88,7 +88,7 @@ uint32_t count_rounds(const Surfaces& s, const BroadPhasePairs& pairs, const Con
         if (s.bodies.motion[a] != Motion::kFree && s.bodies.motion[b] != Motion::kFree) continue;
         const double speed =
             closing_speed(pressed, a, b, s.poses.velocity[a] - s.poses.velocity[b]) + turning_speed(s, a) + turning_speed(s, b);
-        const double rounds = (speed * seconds + fall) / longest_way(tolerance, std::min(radius_of(s, a), radius_of(s, b)));
+        const double rounds = (speed * seconds + fall) / longest_motion(tolerance, std::min(radius_of(s, a), radius_of(s, b)));
         if (std::isfinite(rounds)) most = std::max(most, rounds);
     }
     const size_t looks = std::clamp<size_t>(pairs.a.size(), 1, kMostNeighbours / 2 * std::max<size_t>(1, s.bodies.rigid_mass.size()));
@@ -98,7 +98,7 @@ uint32_t count_rounds(const Surfaces& s, const BroadPhasePairs& pairs, const Con
 
 bool any_fast_hand(std::span<const HandTool> tools, const DeviceSamples& devices, const Poses& poses) {
     for (size_t t = 0; t < tools.size(); ++t)
-        if (way_of_hand(tools[t], t, devices, poses).fastest > HapticParams{}.tool_speed) return true;
+        if (hand_motion(tools[t], t, devices, poses).fastest > HapticParams{}.tool_speed) return true;
     return false;
 }
 
@@ -106,14 +106,14 @@ uint32_t count_hand_rounds(const Surfaces& s, const BroadPhasePairs& pairs, cons
     double rounds = 1;
     for (size_t t = 0; t < haptics.tool.size(); ++t) {
         const HandTool& tool = haptics.tool[t];
-        const HandWay way = way_of_hand(tool, t, devices, s.poses);
-        if (!(way.fastest > HapticParams{}.tool_speed)) continue;
+        const HandMotion motion = hand_motion(tool, t, devices, s.poses);
+        if (!(motion.fastest > HapticParams{}.tool_speed)) continue;
         for (size_t i = 0; i < pairs.a.size(); ++i) {
             uint32_t part = pairs.a[i], other = pairs.b[i];
             if (is_deformable(s.bodies, part)) std::swap(part, other);
             if (!is_deformable(s.bodies, other) || !is_part_of_tool(haptics, tool, part)) continue;
-            const double free_way = half_thickness(s, part) + half_thickness(s, other);
-            if (free_way > 0) rounds = std::max(rounds, way.whole / free_way);
+            const double thickness = half_thickness(s, part) + half_thickness(s, other);
+            if (thickness > 0) rounds = std::max(rounds, motion.length / thickness);
         }
     }
     return static_cast<uint32_t>(std::ceil(std::min<double>(rounds, std::max(1u, devices.per_tool - 1))));

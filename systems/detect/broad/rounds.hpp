@@ -25,7 +25,7 @@ bool may_need_rounds(const Surfaces& surfaces, double fall, double tolerance, do
 uint32_t count_rounds(const Surfaces& surfaces, const BroadPhasePairs& pairs, const ContactMemory& pressed, double fall, double tolerance,
                       double seconds);
 
-// Whether a hand goes faster than passes are made for, HapticParams::tool_speed, on the way of its device or by itself.
+// Whether a hand goes faster than passes are made for, HapticParams::tool_speed, as its device moves or by itself.
 bool any_fast_hand(std::span<const HandTool> tools, const DeviceSamples& devices, const Poses& poses);
 
 // Rounds of at least 1 ms after which a hand that is fast and may meet tissue has gone no farther than the mean half thicknesses of

@@ -66,22 +66,22 @@ std::vector<InsidePoint> inside_points(const ContactInputs& in, const Contacts& 
     return points;
 }
 
-// Shortest way out; the contact's own normal if no direction leads out.
+// Shortest separating translation; the contact's own normal if no direction leads out.
 ToolExit shortest_exit(const ContactInputs& in, std::span<const InsidePoint> points, const Vec3d& normal, double depth,
                        const ToolExit& before) {
     double best = std::numeric_limits<double>::infinity();
     ToolExit exit{kNone, normal, {}};
-    const auto try_way = [&](const Vec3d& way) {
-        const double out = distance_out(in, points, way, best);
-        if (out < best) best = out, exit.way = way;
+    const auto try_direction = [&](const Vec3d& direction) {
+        const double out = distance_out(in, points, direction, best);
+        if (out < best) best = out, exit.direction = direction;
     };
-    if (before.body != kNone) try_way(before.way);  // a tool on its way does not turn
+    if (before.body != kNone) try_direction(before.direction);  // a tool that is leaving does not turn
     if (std::isinf(best)) {
-        try_way(normal);
+        try_direction(normal);
         for (int code = 0; code < 27; ++code)
-            if (code != 13) try_way(Vec3d(code % 3 - 1, code / 3 % 3 - 1, code / 9 - 1).normalized());
+            if (code != 13) try_direction(Vec3d(code % 3 - 1, code / 3 % 3 - 1, code / 9 - 1).normalized());
     }
-    exit.goal = (std::isinf(best) ? depth + kClear : best) * exit.way;
+    exit.goal = (std::isinf(best) ? depth + kClear : best) * exit.direction;
     return exit;
 }
 

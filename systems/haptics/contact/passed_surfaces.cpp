@@ -18,9 +18,9 @@ double inner_radius(std::span<const ShellPoint> points, const ShellPoint& at) {
     double radius = std::numeric_limits<double>::infinity();
     for (const ShellPoint& other : points) {
         if (other.jaw != kNone) continue;
-        const Vec3d way = other.arm - at.arm;
-        const double depth = way.dot(at.inward);
-        if (depth > 0) radius = std::min(radius, way.squaredNorm() / (2 * depth));
+        const Vec3d apart = other.arm - at.arm;
+        const double depth = apart.dot(at.inward);
+        if (depth > 0) radius = std::min(radius, apart.squaredNorm() / (2 * depth));
     }
     return radius;
 }
@@ -64,14 +64,14 @@ bool passes(const LocalContactModel& model, size_t triangle, const BallMotion& b
         const uint32_t v = model.triangle[triangle][k];
         const Vec3d from = model.position[v] - beyond_it * scratch.normal[v], to = scratch.end[v] - beyond_it * scratch.end_normal[v];
         p.corner[k] = from - ball.from;
-        p.way[k] = to - from - (ball.to - ball.from);
-        if (!p.corner[k].allFinite() || !p.way[k].allFinite()) return false;
+        p.displacement[k] = to - from - (ball.to - ball.from);
+        if (!p.corner[k].allFinite() || !p.displacement[k].allFinite()) return false;
     }
     for (int axis = 0; axis < 3; ++axis) {
         const auto apart = [&](double sign) {
             return std::ranges::all_of(std::array{0, 1, 2}, [&](int k) {
                 const auto i = static_cast<size_t>(k);
-                return sign * p.corner[i][axis] > 0 && sign * (p.corner[i] + p.way[i])[axis] > 0;
+                return sign * p.corner[i][axis] > 0 && sign * (p.corner[i] + p.displacement[i])[axis] > 0;
             });
         };
         if (apart(1) || apart(-1)) return false;

@@ -9,7 +9,7 @@ namespace {
 
 constexpr double kOnTriangle = 1e-8;  // m, a point this close to a triangle is on it: none slips through between two
 constexpr double kAbove = 1e-8;       // m, from the surface, and ...
-constexpr double kInset = 1e-3;       // ... fraction of the way to the middle of the triangle: clear of its neighbours, too
+constexpr double kInset = 1e-3;       // ... fraction of the distance to the middle of the triangle: clear of its neighbours, too
 
 using Cubic = std::array<double, 4>;  // coefficients, constant first
 double value_of(const Cubic& c, double t) { return ((c[3] * t + c[2]) * t + c[1]) * t + c[0]; }
@@ -37,8 +37,8 @@ void for_roots(const Cubic& c, const Visit& visit) {
 
 // Six times the volume between the point and the triangle, positive in front of it, over the motion.
 Cubic volume_over_time(const PassingTriangle& p) {
-    const Vec3d q = -p.corner[0], dq = -p.way[0], u = p.corner[1] - p.corner[0], du = p.way[1] - p.way[0], v = p.corner[2] - p.corner[0],
-                dv = p.way[2] - p.way[0];
+    const Vec3d q = -p.corner[0], dq = -p.displacement[0], u = p.corner[1] - p.corner[0], du = p.displacement[1] - p.displacement[0],
+                v = p.corner[2] - p.corner[0], dv = p.displacement[2] - p.displacement[0];
     const Vec3d n = u.cross(v), dn = u.cross(dv) + du.cross(v), ddn = du.cross(dv);
     return {q.dot(n), q.dot(dn) + dq.dot(n), q.dot(ddn) + dq.dot(dn), dq.dot(ddn)};
 }
@@ -49,7 +49,8 @@ PassingTime first_passing(const PassingTriangle& p, bool from_behind, double bef
     PassingTime first;
     for_roots(volume_over_time(p), [&](double time, bool falls) {
         if (time >= before || !(falls || from_behind)) return time >= before;
-        const std::array<Vec3d, 3> corner{p.corner[0] + time * p.way[0], p.corner[1] + time * p.way[1], p.corner[2] + time * p.way[2]};
+        const std::array<Vec3d, 3> corner{p.corner[0] + time * p.displacement[0], p.corner[1] + time * p.displacement[1],
+                                          p.corner[2] + time * p.displacement[2]};
         const TrianglePoint q = closest_point_on_triangle(Vec3d::Zero(), corner[0], corner[1], corner[2]);
         if (q.squared_distance > kOnTriangle * kOnTriangle) return false;
         first = {time, weights_at(corner, q.offset), falls ? 1.0 : -1.0};
@@ -72,7 +73,7 @@ SurfaceCrossing first_crossing(const SurfaceTime& before, const Vec3d& from, con
             Vec3d went = (near.time.age - before.age) * model.velocity[vertices_of(near, index)[k]];
             if (triangle.body == model.compliance.body) went += near.time.follow - before.follow;
             p.corner[k] = triangle.corner[k] - went - from;
-            p.way[k] = went - (to - from);
+            p.displacement[k] = went - (to - from);
         }
         const PassingTime at = first_passing(p, triangle.sheet, first.time);
         if (at.side != 0) first = {index, at.time, at.weight, at.side};

@@ -6,7 +6,7 @@ namespace trocar {
 
 // Corners of a triangle relative to a point (m), and their displacement (m) relative to that of the point, both linear in time.
 struct PassingTriangle {
-    std::array<Vec3d, 3> corner, way;
+    std::array<Vec3d, 3> corner, displacement;
 };
 // When a triangle passes over the point.
 struct PassingTime {
