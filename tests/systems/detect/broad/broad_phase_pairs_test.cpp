@@ -18,7 +18,7 @@ Bodies make_bodies(std::vector<Motion> motion) {
 Box box_at(const Vec3d& centre, const Vec3d& half) { return {centre - half, centre + half}; }
 
 PairList all_pairs(const Bodies& bodies, const BodyBoxes& boxes, const PairList& excluded) {
-    const auto moves = [&](uint32_t i) { return bodies.motion[i] == Motion::kDeformable || bodies.motion[i] == Motion::kHand; };
+    const auto moves = [&](uint32_t i) { return bodies.motion[i] != Motion::kStatic && bodies.motion[i] != Motion::kKinematic; };
     PairList found;
     for (uint32_t a = 0; a < boxes.box.size(); ++a) {
         for (uint32_t b = a + 1; b < boxes.box.size(); ++b) {
@@ -71,6 +71,45 @@ TEST(BroadPhasePairs, EqualAllPairsWhateverTheKeptOrder) {
         find_broad_phase_pairs(bodies, boxes, excluded, kept, pairs);
         EXPECT_EQ(list(pairs), all_pairs(bodies, boxes, excluded));
     }
+}
+
+// Breaks when a body that leaves its loose box, vanishes, appears or is longer than others keeps old pairs or misses new ones, or
+// when the list of near pairs is swept in every pass although few bodies move.
+TEST(BroadPhasePairs, FollowBodiesThatStray) {
+    std::mt19937 random(11);
+    std::uniform_real_distribution<double> position(-1, 1), size(0.03, 0.1);
+    const uint32_t count = 400;
+    std::vector<Motion> motion(count, Motion::kFree);
+    motion[3] = motion[4] = motion[5] = Motion::kStatic;
+    const Bodies bodies = make_bodies(motion);
+    BodyBoxes boxes;
+    std::vector<Vec3d> step;
+    for (uint32_t i = 0; i < count; ++i) {
+        const Vec3d half = i % 97 == 3 ? Vec3d(1, 0.02, 1) : Vec3d(size(random), size(random), size(random));
+        boxes.box.push_back(box_at({position(random), position(random), position(random)}, half));
+        const double speed = i % 50 == 0 ? 0.03 : i % 50 == 1 ? 0.003 : 0;  // of 2; an eighth of 400 may stray
+        step.push_back(speed * Vec3d(position(random), position(random), position(random)));
+    }
+    const Box away = boxes.box[7];
+    PairList excluded{{0, 1}, {0, 50}, {10, 20}};
+    BroadPhaseScratch kept;
+    BroadPhasePairs pairs;
+    uint32_t swept = 0;
+    for (int pass = 0; pass < 150; ++pass) {
+        for (uint32_t i = 0; i < count; ++i) {
+            const Vec3d move = pass == 100 ? Vec3d(position(random), 0, 0) : step[i];
+            boxes.box[i].min += move;
+            boxes.box[i].max += move;
+        }
+        if (pass % 20 == 5) boxes.box[7] = {};
+        if (pass % 20 == 15) boxes.box[7] = away;
+        if (pass == 60) excluded = {{0, 1}};
+        find_broad_phase_pairs(bodies, boxes, excluded, kept, pairs);
+        ASSERT_EQ(list(pairs), all_pairs(bodies, boxes, excluded)) << pass;
+        swept += kept.passes == 0;
+    }
+    EXPECT_LE(swept, 10u);
+    EXPECT_GT(pairs.a.size(), 100u);
 }
 
 // Breaks when touching boxes are missed (boxes are closed) or ties in x are mishandled.
