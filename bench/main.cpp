@@ -26,7 +26,7 @@ constexpr Suite kSuites[] = {
     {"fluid", fluid_suite, "films of liquid beside particles: [--quick] [--json FILE]"},
     {"scale", scale_suite,
      "bodies x threads with state hashes, growth, memory, critical path, idle cost: [--quick] [--json FILE] "
-     "[idle|counts|path|allocations|goals|bullet]"},
+     "[--peers DIR: of JoltPhysics and box3d, built] [idle|counts|path|allocations|goals|bullet|pile]"},
     {"haptics", haptics_suite,
      "forces on replayed paths, slow simulations, stability, faults, ticks, live ticks: [--quick] [--json FILE] "
      "[paths|rates|stability|faults|tick|shell|live]"},

@@ -99,6 +99,8 @@ Report::Report(std::string suite, int& argc, char** argv) : suite_(std::move(sui
             quick_ = true;
         } else if (std::strcmp(argv[i], "--json") == 0 && i + 1 < argc) {
             json_ = argv[++i];
+        } else if (std::strcmp(argv[i], "--peers") == 0 && i + 1 < argc) {
+            peers_ = argv[++i];
         } else {
             argv[kept++] = argv[i];
         }

@@ -38,11 +38,12 @@ struct Row {
     std::vector<std::pair<std::string, double>> beside = {};  // figures listed below such a chart
 };
 
-// Figures of one suite, printed as they come. Removes `--json FILE` and `--quick` from the arguments.
+// Figures of one suite, printed as they come. Removes `--json FILE`, `--peers DIR` and `--quick` from the arguments.
 class Report {
  public:
     Report(std::string suite, int& argc, char** argv);
     bool quick() const { return quick_; }
+    const std::string& peers() const { return peers_; }  // folder with other engines; empty: none
     // Throws InputError listing the parts if a remaining argument is none of them.
     void check_parts(int argc, char** argv, std::initializer_list<const char*> parts) const;
     // Printed with the seconds since the suite started.
@@ -58,7 +59,7 @@ class Report {
     void print_plots() const;
     void print_goals() const;
 
-    std::string suite_, json_;
+    std::string suite_, json_, peers_;
     bool quick_ = false;
     std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
     std::vector<Row> rows_;

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <cstdlib>
 
+#include "bench/scale/pile.hpp"
 #include "bench/scale/scale.hpp"
 #include "bench/suites.hpp"
 #include "content/scene/build_scene.hpp"
@@ -523,7 +524,7 @@ void bullet_rows(uint32_t count, uint32_t passes, Report& report) {
 int scale_suite(int argc, char** argv) {
     using namespace trocar::bench;
     Report report("scale", argc, argv);
-    report.check_parts(argc, argv, {"idle", "counts", "path", "allocations", "goals", "bullet"});
+    report.check_parts(argc, argv, {"idle", "counts", "path", "allocations", "goals", "bullet", "pile"});
     const bool quick = report.quick();
     const auto wanted = [&](const char* part) {
         return argc < 2 || std::any_of(argv + 1, argv + argc, [&](const char* word) { return std::string(word) == part; });
@@ -548,6 +549,7 @@ int scale_suite(int argc, char** argv) {
     }
     if (wanted("allocations")) allocation_row(quick ? 60 : 300, report);
     if (wanted("goals")) goal_rows(quick, report);
+    if (wanted("pile")) pile_rows(report);
     if (wanted("bullet")) bullet_rows(quick ? 100 : 1000, quick ? 30 : 60, report);
     return report.finish();
 }
