@@ -94,7 +94,7 @@ void threaded_bodies(World& w, FrameState&) { join_threaded_bodies(w.bodies, w.t
 void excluded_pairs(World& w, FrameState&) {
     find_pierced_bodies(w.haptics.tool, w.boxes, w.nodes.apart, w.haptics.state, w.excluded_pairs);
 }
-void box_pairs(World& w, FrameState& f) { find_broad_phase_pairs(w.bodies, w.boxes, w.excluded_pairs, f.scratch.pairs, w.box_pairs); }
+void box_pairs(World& w, FrameState& f) { update_candidate_pairs(w.bodies, w.boxes, w.excluded_pairs, f.scratch.pairs, w.box_pairs); }
 void broad_phase_pairs(World& w, FrameState& f) {
     find_reachable_pairs(period_seconds(w), w.settings.gravity, surfaces_of(w), w.boxes, w.box_pairs, f.scratch.reachable, w.pairs,
                          w.displacement_bounds, sleeping_bodies(f, kSeenByPairs));

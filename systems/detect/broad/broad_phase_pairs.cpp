@@ -235,4 +235,11 @@ void find_broad_phase_pairs(const Bodies& bodies, const BodyBoxes& boxes, std::s
         if (boxes_meet(boxes.box[a], boxes.box[b])) pairs.a.push_back(a), pairs.b.push_back(b);
 }
 
+void update_candidate_pairs(const Bodies& bodies, const BodyBoxes& boxes, std::span<const std::array<uint32_t, 2>> excluded,
+                            BroadPhaseScratch& scratch, BroadPhasePairs& pairs) {
+    if (same_boxes(boxes.box, scratch.box) && std::ranges::equal(excluded, scratch.excluded)) return;
+    find_broad_phase_pairs(bodies, boxes, excluded, scratch, pairs);
+    scratch.box = boxes.box;
+}
+
 }  // namespace trocar

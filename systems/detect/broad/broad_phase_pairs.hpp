@@ -35,12 +35,18 @@ struct BroadPhaseScratch {
     std::vector<std::array<uint32_t, 2>> found;  // unsorted
     std::vector<uint32_t> first;
     std::vector<std::array<uint32_t, 2>> excluded;  // of near
+    std::vector<Box> box;                           // of update_candidate_pairs' last use
 };
 
 // Pairs of bodies whose boxes overlap, ascending (a, b). Omits pairs of static or kinematic bodies and those in `excluded`
 // (a < b, ascending). Near pairs, of boxes enlarged by a twentieth, are kept from pass to pass; bodies that leave their enlarged
 // boxes are paired anew, and all by sort-and-sweep along the axis of largest spread once an eighth has left.
 void find_broad_phase_pairs(const Bodies& bodies, const BodyBoxes& boxes, std::span<const std::array<uint32_t, 2>> excluded,
+                            BroadPhaseScratch& scratch, BroadPhasePairs& pairs);
+
+// The same for pairs that stay from pass to pass: they are as they were if neither boxes nor `excluded` have changed since the
+// scratch's last use, as while all bodies sleep.
+void update_candidate_pairs(const Bodies& bodies, const BodyBoxes& boxes, std::span<const std::array<uint32_t, 2>> excluded,
                             BroadPhaseScratch& scratch, BroadPhasePairs& pairs);
 
 }  // namespace trocar
