@@ -6,18 +6,20 @@
 #include "bench/peers/pile_engine.hpp"
 namespace {
 
-constexpr int kSubsteps = 8;
+constexpr uint32_t kSubsteps = 8;
 
 struct Pile {
     b3WorldId world;
     std::vector<b3BodyId> body;
     float step = 0;
+    int substeps = 0;
 };
 
 void* make(const PileBox* box, uint32_t count, const PileSettings* settings) {
     b3SetLengthUnitsPerMeter(0.1f);  // its slop, 5 mm of boxes of a metre, scales with it
     auto* pile = new Pile;
     pile->step = float(settings->step);
+    pile->substeps = int(settings->substeps);
     b3WorldDef world = b3DefaultWorldDef();
     world.gravity = {float(settings->gravity[0]), float(settings->gravity[1]), float(settings->gravity[2])};
     world.workerCount = 1;
@@ -40,7 +42,7 @@ void* make(const PileBox* box, uint32_t count, const PileSettings* settings) {
 
 void step(void* handle) {
     auto* pile = static_cast<Pile*>(handle);
-    b3World_Step(pile->world, pile->step, kSubsteps);
+    b3World_Step(pile->world, pile->step, pile->substeps);
 }
 
 void poses(void* handle, double* pose) {
@@ -61,4 +63,4 @@ void destroy(void* handle) {
 
 }  // namespace
 
-PileEngine pile_engine() { return {"8 substeps, length unit 0.1 m, one worker", make, step, poses, destroy}; }
+PileEngine pile_engine() { return {"length unit 0.1 m, one worker", kSubsteps, make, step, poses, destroy}; }

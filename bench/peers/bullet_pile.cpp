@@ -9,7 +9,7 @@
 #ifdef TROCAR_WITH_BULLET
 namespace {
 
-constexpr int kSubsteps = 4;
+constexpr uint32_t kSubsteps = 4;
 
 struct Pile {
     btDefaultCollisionConfiguration configuration;
@@ -20,6 +20,7 @@ struct Pile {
     std::vector<std::unique_ptr<btBoxShape>> shape;
     std::vector<std::unique_ptr<btRigidBody>> body;
     double step = 0;
+    int substeps = 0;
     ~Pile() {
         for (const auto& b : body) world.removeRigidBody(b.get());
     }
@@ -30,6 +31,7 @@ btVector3 vec(const double* v) { return {btScalar(v[0]), btScalar(v[1]), btScala
 void* make(const PileBox* box, uint32_t count, const PileSettings* settings) {
     auto pile = std::make_unique<Pile>();
     pile->step = settings->step;
+    pile->substeps = int(settings->substeps);
     pile->world.setGravity(vec(settings->gravity));
     for (uint32_t i = 0; i < count; ++i) {
         const double *half = box[i].half, *q = box[i].orientation;
@@ -50,7 +52,7 @@ void* make(const PileBox* box, uint32_t count, const PileSettings* settings) {
 
 void step(void* handle) {
     auto* pile = static_cast<Pile*>(handle);
-    pile->world.stepSimulation(btScalar(pile->step), kSubsteps, btScalar(pile->step / kSubsteps));
+    pile->world.stepSimulation(btScalar(pile->step), pile->substeps, btScalar(pile->step / pile->substeps));
 }
 
 void poses(void* handle, double* pose) {
@@ -68,6 +70,6 @@ void destroy(void* pile) { delete static_cast<Pile*>(pile); }
 }  // namespace
 
 namespace trocar::bench {
-PileEngine bullet_pile_engine() { return {"4 substeps, margin 0.5 mm", make, step, poses, destroy}; }
+PileEngine bullet_pile_engine() { return {"margin 0.5 mm", kSubsteps, make, step, poses, destroy}; }
 }  // namespace trocar::bench
 #endif

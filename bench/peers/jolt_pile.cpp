@@ -20,7 +20,7 @@
 namespace {
 
 constexpr JPH::ObjectLayer kFixed = 0, kFree = 1;
-constexpr int kSubsteps = 4;
+constexpr uint32_t kSubsteps = 4;
 
 // Jolt's allocator and types must be there before any of its objects.
 struct Library {
@@ -40,6 +40,7 @@ struct Pile {
     JPH::PhysicsSystem system;
     std::vector<JPH::BodyID> body;
     float step = 0;
+    int substeps = 0;
 };
 
 JPH::Vec3 vec(const double* v) { return {float(v[0]), float(v[1]), float(v[2])}; }
@@ -48,6 +49,7 @@ void* make(const PileBox* box, uint32_t count, const PileSettings* settings) {
     static const Library library;
     auto* pile = new Pile;
     pile->step = float(settings->step);
+    pile->substeps = int(settings->substeps);
     pile->layers.MapObjectToBroadPhaseLayer(kFixed, JPH::BroadPhaseLayer(0));
     pile->layers.MapObjectToBroadPhaseLayer(kFree, JPH::BroadPhaseLayer(1));
     pile->pairs.EnableCollision(kFixed, kFree);
@@ -76,7 +78,7 @@ void* make(const PileBox* box, uint32_t count, const PileSettings* settings) {
 
 void step(void* handle) {
     auto* pile = static_cast<Pile*>(handle);
-    pile->system.Update(pile->step, kSubsteps, &pile->scratch, &pile->jobs);
+    pile->system.Update(pile->step, pile->substeps, &pile->scratch, &pile->jobs);
 }
 
 void poses(void* handle, double* pose) {
@@ -95,4 +97,4 @@ void destroy(void* pile) { delete static_cast<Pile*>(pile); }
 
 }  // namespace
 
-PileEngine pile_engine() { return {"4 collision steps, slop and convex radius 0.5 mm, one thread", make, step, poses, destroy}; }
+PileEngine pile_engine() { return {"slop and convex radius 0.5 mm, one thread", kSubsteps, make, step, poses, destroy}; }

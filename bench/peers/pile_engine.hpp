@@ -17,10 +17,12 @@ struct PileSettings {
     double density;     // kg/m^3
     double friction;    // of every pair
     double step;        // s, of a call of PileEngine::step
+    uint32_t substeps;  // in it
 };
 
 struct PileEngine {
     const char* settings;  // what was chosen, for the bench's note
+    uint32_t substeps;     // that its authors recommend, or that others compare
     void* (*make)(const PileBox* box, uint32_t count, const PileSettings* settings);
     void (*step)(void* pile);
     void (*poses)(void* pile, double* pose);  // of every box in order: position, orientation, seven numbers

@@ -119,6 +119,8 @@ fs::path find_below(const fs::path& folder, const std::string& name) {
     return {};
 }
 
+// The environment variable TROCAR_PEER_FLAGS has what else the engines were compiled with: Jolt ends a program whose definitions are not
+// those of its library.
 // Compiles and loads the adapter to an engine whose headers and static library lie below DIR/`folder`. A peer that is not there, or
 // does not compile, is a line of the report.
 void load_peer(const std::string& name, const fs::path& peers, const std::string& folder, const std::string& headers,
@@ -132,9 +134,10 @@ void load_peer(const std::string& name, const fs::path& peers, const std::string
     if (built.empty()) return missing("no " + library + " below " + root.string() + ": build it, with -fPIC, as its authors say");
     const fs::path made = fs::temp_directory_path() / ("trocar_" + adapter + "_" + std::to_string(getpid()) + ".so");
     const char* flags = std::getenv("TROCAR_PEER_FLAGS");
-    const std::string command = "c++ -std=c++20 -O3 -march=native -DNDEBUG -shared -fPIC -w " + std::string(flags ? flags : "") + " -I'" +
-                                TROCAR_SOURCE_DIR + "' -I'" + (root / headers).string() + "' '" TROCAR_SOURCE_DIR "/bench/peers/" +
-                                adapter + ".cpp' '" + built.string() + "' -lpthread -o '" + made.string() + "'";
+    const std::string command = "c++ -std=c++20 -O3 -mavx2 -mbmi -mpopcnt -mlzcnt -mf16c -mfma -DNDEBUG -shared -fPIC -w " +
+                                std::string(flags ? flags : "") + " -I'" + TROCAR_SOURCE_DIR + "' -I'" + (root / headers).string() +
+                                "' '" TROCAR_SOURCE_DIR "/bench/peers/" + adapter + ".cpp' '" + built.string() + "' -lpthread -o '" +
+                                made.string() + "'";
     if (std::system(command.c_str()) != 0) return missing("its adapter does not compile: " + command);
     void* loaded = dlopen(made.c_str(), RTLD_NOW | RTLD_LOCAL);
     fs::remove(made);
