@@ -437,7 +437,8 @@ void share_room(std::span<AdvanceScratch> scratches) {
     using I = AdvanceIsland;
     level(island, &I::body, &I::rigid, &I::free, &I::slot_of_body, &I::grasp);
     using N = ContactNodeSet;
-    level(nodes, &N::node, &N::change, &N::moved_in, &N::node_of_particle, &N::embedded_point, &N::node_sums, &N::response);
+    level(nodes, &N::node, &N::change, &N::pressed, &N::tangled, &N::moved_in, &N::node_of_particle, &N::embedded_point, &N::node_sums,
+          &N::response);
     level(links, &IslandLinks::link, &IslandLinks::link_end, &IslandLinks::link_group);
     const auto threads = [](AdvanceScratch& s) -> IslandThreads& { return s.island.threads; };
     const auto rod = [](AdvanceScratch& s) -> RodScratch& { return s.island.threads.rod; };

@@ -1,9 +1,11 @@
 #include "systems/advance/parting_bodies.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <ranges>
 #include <utility>
 
+#include "engine/geometry/quaternion.hpp"
 #include "engine/mesh/surfaces.hpp"
 
 namespace trocar {
@@ -21,6 +23,9 @@ constexpr double kSpent = 1e-9;      // m, of travel: a pair that has no more is
 // pressed flat as 1.25 times the way takes at push_speed. What yields is apart after 1.0 (balls of tissue, solid and shell, that
 // overlap by 10 to 45 % of their size); what does not, gains energy with every correction from there on
 constexpr double kHeldTravel = 4 / 1.25;
+constexpr int kPartingShifts =
+    256;  // what is left then is moved in later passes: a body 100 times as light takes 99 % of a move that a neighbour undoes
+constexpr double kShiftsDone = 1e-7;  // m, sweeps end when none moves bodies by more
 
 bool is_anchored(const AdvanceInputs& in, const Particles& particles, uint32_t body) {
     const Range nodes = mass_nodes_of(in, body);
@@ -50,6 +55,36 @@ double loose_mass(const AdvanceInputs& in, const PartingBodies& parting, const P
     return mass;
 }
 
+// Moves b by `way` relative to a; both by their inverse masses, as far as they can be moved.
+void move_apart(const Vec3d& way, std::array<double, 2> mass, uint32_t a, uint32_t b, std::vector<Vec3d>& shift) {
+    const double share = mass[0] == 0 ? 1 : mass[1] == 0 ? 0 : mass[0] / (mass[0] + mass[1]);  // of b
+    shift[a] -= (1 - share) * way;
+    shift[b] += share * way;
+}
+
+// Shifts that part the pairs by `step`, m along their directions, and bring no body nearer to a neighbour than they touch.
+void find_shifts(const PairMemory& pairs, std::span<const double> step, PartingBodiesScratch& scratch) {
+    const auto along = [&](const Vec3d& direction, uint32_t a, uint32_t b) { return direction.dot(scratch.shift[b] - scratch.shift[a]); };
+    double moved = 1;  // m
+    for (int sweep = 0; sweep < kPartingShifts && moved > kShiftsDone; ++sweep) {
+        moved = 0;
+        for (size_t p = 0; p < pairs.a.size(); ++p) {
+            if (!(step[p] > 0)) continue;
+            const Vec3d direction = pairs.direction[p].normalized();
+            const double way = step[p] - along(direction, pairs.a[p], pairs.b[p]);
+            if (!(way > 0)) continue;
+            move_apart(way * direction, scratch.mass[p], pairs.a[p], pairs.b[p], scratch.shift);
+            moved = std::max(moved, way);
+        }
+        for (const PartingNeighbour& n : scratch.neighbours) {
+            const double way = -n.gap - along(n.direction, n.a, n.b);
+            if (!(way > 0)) continue;
+            move_apart(way * n.direction, n.mass, n.a, n.b, scratch.shift);
+            moved = std::max(moved, way);
+        }
+    }
+}
+
 bool is_spent(const Vec3d& travel) { return travel.norm() <= 2 * kSpent; }
 
 void shorten(double by, Vec3d& travel) {
@@ -72,7 +107,26 @@ void move_body(const Vec3d& shift, uint32_t body, const AdvanceInputs& in, Parti
 
 }  // namespace
 
-void find_parting_contacts(const AdvanceInputs& inputs, const PartingBodies& parting, const Particles& particles,
+namespace {
+
+// What the bodies that are moved as a whole touch, or are near to, besides the bodies they are parted from.
+void find_neighbours(const AdvanceInputs& inputs, const PairMemory& pairs, const Poses& poses, const ContactConstraints& constraints,
+                     PartingBodiesScratch& scratch) {
+    scratch.neighbours.clear();
+    std::vector<double>& mass = scratch.mass_of_body;
+    mass.assign(inputs.bodies.mesh.size(), 0);
+    for (size_t p = 0; p < pairs.a.size(); ++p) mass[pairs.a[p]] = scratch.mass[p][0], mass[pairs.b[p]] = scratch.mass[p][1];
+    for (size_t c = 0; c < constraints.body.size(); ++c) {
+        const uint32_t b = constraints.body[c], a = constraints.other[c];
+        if (scratch.left[c] || (mass[a] == 0 && mass[b] == 0) || std::isinf(constraints.distance[c])) continue;
+        const Vec3d normal = is_deformable(inputs.bodies, a) ? constraints.normal[c] : rotate(poses.orientation[a], constraints.normal[c]);
+        scratch.neighbours.push_back({a, b, {mass[a], mass[b]}, normal, std::max(0.0, constraints.distance[c])});
+    }
+}
+
+}  // namespace
+
+void find_parting_contacts(const AdvanceInputs& inputs, const PartingBodies& parting, const Particles& particles, const Poses& poses,
                            const ContactConstraints& constraints, PartingBodiesScratch& scratch) {
     const PairMemory& pairs = parting.pairs;
     const size_t count = pairs.a.size();
@@ -81,6 +135,7 @@ void find_parting_contacts(const AdvanceInputs& inputs, const PartingBodies& par
     scratch.mass.clear();
     for (size_t p = 0; p < count; ++p)
         scratch.mass.push_back({loose_mass(inputs, parting, particles, pairs.a[p]), loose_mass(inputs, parting, particles, pairs.b[p])});
+    scratch.neighbours.clear();
     if (count == 0) return;
     scratch.left.assign(constraints.body.size(), 0);
     bool any = false;
@@ -94,6 +149,7 @@ void find_parting_contacts(const AdvanceInputs& inputs, const PartingBodies& par
         scratch.left[c] = left, any = any || left;
         scratch.depth[p] = std::max(scratch.depth[p], -constraints.distance[c]);
     }
+    find_neighbours(inputs, pairs, poses, constraints, scratch);
     if (!any) scratch.left.clear();
 }
 
@@ -102,6 +158,7 @@ double part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, dou
     const double most = params.contact.push_speed * seconds;
     double deepest = 0;
     scratch.shift.assign(inputs.bodies.mesh.size(), Vec3d::Zero());
+    scratch.step.assign(pairs.a.size(), 0);
     for (size_t p = 0; p < pairs.a.size(); ++p) {
         const auto [a, b] = scratch.mass[p];
         const double length = pairs.direction[p].norm(), step = std::min({scratch.depth[p], most, length});
@@ -114,12 +171,14 @@ double part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, dou
             shorten(too_deep ? length : kHeldTravel * (yields(pairs.a[p]) + yields(pairs.b[p])) * step, pairs.direction[p]);
             continue;
         }
-        const Vec3d move = pairs.direction[p] * (step / length);
-        shorten(step, pairs.direction[p]);
-        deepest = std::max(deepest, scratch.depth[p] - step);
-        const double share = a == 0 ? 1 : b == 0 ? 0 : a / (a + b);  // of b
-        scratch.shift[pairs.a[p]] -= (1 - share) * move;
-        scratch.shift[pairs.b[p]] += share * move;
+        scratch.step[p] = step;
+    }
+    find_shifts(pairs, scratch.step, scratch);
+    for (size_t p = 0; p < pairs.a.size(); ++p) {
+        if (!(scratch.step[p] > 0)) continue;
+        const double parted = pairs.direction[p].normalized().dot(scratch.shift[pairs.b[p]] - scratch.shift[pairs.a[p]]);
+        deepest = std::max(deepest, scratch.depth[p] - parted);
+        shorten(scratch.step[p], pairs.direction[p]);
     }
     for (size_t p = 0; p < pairs.a.size(); ++p) {
         for (const auto& [body, mass] : {std::pair(pairs.a[p], scratch.mass[p][0]), {pairs.b[p], scratch.mass[p][1]}}) {

@@ -220,7 +220,7 @@ void advance(World& w, FrameState& f) {
                                w.devices.placed, w.clock.period + 1, other_forces(w), w.impact_times, w.haptics.jaw};
     PartingBodiesScratch& parting = f.scratch.parting_bodies;
     const bool parts = w.settings.contact.deep == DeepResponse::kNone && !w.pair_memory.a.empty();
-    if (parts) find_parting_contacts(inputs, {w.pair_memory, w.joined_bodies, w.nodes}, w.particles, w.contact_constraints, parting);
+    if (parts) find_parting_contacts(inputs, {w.pair_memory, w.joined_bodies, w.nodes}, w.particles, w.poses, w.contact_constraints, parting);
     if (parts) inputs.left = parting.left;
     advance_islands(params, inputs, {w.islands, w.sleep, w.node_state}, f.scratch.advance,
                     {w.particles, w.poses, w.contact_constraints, w.haptics.state}, w.energy, w.report, f.times.response_ns);

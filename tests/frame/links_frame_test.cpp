@@ -427,18 +427,22 @@ time = 0.4
     }
 }
 
-// Tissue released by jaws springs back over them, is caught and folds. Breaks without halved steps in such
-// passes: energy accounting is off by 17 %. Without folding no step is halved: MoreStepsWhereShellsFold.
+// Tissue that tears out of closed jaws springs back over them, is caught between their teeth and folds: position correction does less
+// than a fifth of the jaws' work. Breaks without find_tangled_nodes (1.8 J, where the jaws do 0.17 J), and without halved steps in passes
+// in which the shell folds: the accounting is off by 17 %.
 TEST(Breaking, BooksOfWhatJawsLoseLong) {
     const std::vector<Override> set{{"link.upper.break_strain", "0.2"}, {"link.lower.break_strain", "0.2"}};
-    double peak = 0, worst = 0;
+    double peak = 0, worst = 0, push = 0, hand = 0;
     run(std::move(build_scene(read_scene_file(source_folder() / "content/scenes/jaw_grasp.toml", set), Looks::kPlain).world), 300,
         [&](const Frame& f, int) {
-            peak = std::max(peak, f.world().energy.elastic);
-            worst = std::max(worst, std::abs(f.world().energy.balance));
+            const Energy& e = f.world().energy;
+            peak = std::max(peak, e.elastic), worst = std::max(worst, std::abs(e.balance));
+            hand = std::max(hand, e.work_hand), push = std::max(push, e.work_push - 0.2 * hand);
         });
-    std::printf("lost by jaws: held %.4g J, books off by %.3f %%\n", peak, 100 * worst / peak);
+    std::printf("lost by jaws: held %.4g J, books off by %.3f %%, corrections at most %.3g J above a fifth of the work of the jaws\n", peak,
+                100 * worst / peak, push);
     EXPECT_LT(worst, 1e-2 * peak);
+    EXPECT_LE(push, 0);
 }
 
 // Two masses pass each other at just below and just above a twentieth of their spring's rest length per step.

@@ -125,6 +125,20 @@ TEST(SoftStartsInside, WhateverIsInsideWhatever) {
     EXPECT_EQ(part(three, 0.3, 4).hash, part(three, 0.3, 1).hash);
 }
 
+// What stands on a plate stays there, also between a plate and a held ball, and the other ball goes. Breaks when bodies are moved into
+// others that they only touch: the plate then strains them.
+TEST(SoftStartsInside, WhatStandsIsNotPushedIntoItsPlate) {
+    BodySpec plate = thing("plate", Kind::kFixedStone, Vec3d(0, 0, -0.1));
+    plate.shape = "box", plate.size = 0.2;
+    for (const Kind kind : {Kind::kSolid, Kind::kShell, Kind::kHeldShell}) {
+        const Parted p = part({plate, thing("a", Kind::kShell, Vec3d(0, 0, 0.0401)), thing("b", kind, Vec3d(0, 0.001, 0.105))}, 1.0);
+        std::printf("kind %d: pushed %.3g J, strained %.3g J, depth %.3g mm\n", int(kind), p.pushed, p.strained, 1e3 * p.depth);
+        EXPECT_LT(p.pushed, 1e-6) << int(kind);
+        EXPECT_LT(p.strained, 1e-6) << int(kind);
+        EXPECT_TRUE(kind == Kind::kHeldShell || p.depth < 1e-4) << int(kind);
+    }
+}
+
 // What holds both to the world keeps them from being moved: they are pressed flat, or, if that takes more than half a body or goes
 // nowhere, left as they are. Oracle: two balls as large as they, strained all over by the overlap over their diameter: what takes
 // more, or goes on and on, pumps.

@@ -110,6 +110,39 @@ void meet_midway(const ContactSolver& solver, const ConstraintGroup& group, uint
     });
 }
 
+// Finds the nodes that overlapping constraints press from opposite sides and across, beyond 30 degrees from one line: tissue between
+// the teeth of closed jaws, or pierced by edges. No displacement frees them, and midway of such planes is another place in every pass,
+// so that corrections would strain the tissue pass after pass.
+void find_tangled_nodes(ContactSolver& solver, AdvanceIsland& island) {
+    ContactNodeSet& nodes = island.nodes;
+    nodes.pressed.assign(nodes.node.size(), Vec4d{});
+    nodes.tangled.assign(nodes.node.size(), 0);
+    const auto for_each_direction = [&](const auto& visit) {
+        for_each_group(solver, [&](const ConstraintGroup& group) {
+            Vec4d normal;
+            for (const uint32_t i : group.active) {
+                const PreparedConstraint& c = solver.prepared[i];
+                if (!(-separation_after(island, c, normal) > kRestingOverlap)) continue;
+                for (uint32_t k = 0; k < c.nodes; ++k)
+                    if (c.correction_weight[k] != 0) visit(c.node[k], k < c.point_nodes ? normal : -normal);
+            }
+        });
+    };
+    for_each_direction([&](uint32_t node, Vec4d direction) { nodes.pressed[node] += direction; });
+    constexpr uint8_t kOpposed = 1, kAcross = 2;
+    for_each_direction([&](uint32_t node, Vec4d direction) {
+        const double along = dot(nodes.pressed[node], direction);
+        if (!(along > 0 && along * along >= kLean * kLean * norm2(nodes.pressed[node]))) nodes.tangled[node] |= kOpposed;
+        if (std::abs(dot(nodes.change.displacement[node], direction)) < kOneLine) nodes.tangled[node] |= kAcross;
+    });
+    for (size_t n = 0; n < nodes.node.size(); ++n)
+        nodes.tangled[n] = nodes.tangled[n] == (kOpposed | kAcross) && nodes.node.particle[n] != kNone;
+}
+bool is_tangled(const ContactNodeSet& nodes, const PreparedConstraint& constraint) {
+    return std::any_of(constraint.node.begin(), constraint.node.begin() + constraint.nodes,
+                       [&](uint32_t node) { return nodes.tangled[node] != 0; });
+}
+
 // Corrects a constraint by a displacement (m): moves both sides by their inverse masses or by their shares;
 // with a free body always by mass.
 void add_correction(const AdvanceCall& call, const ContactConstraints& constraints, const PreparedConstraint& constraint,
@@ -324,7 +357,7 @@ bool correct_group(const AdvanceCall& call, const ContactConstraints& constraint
     for (const uint32_t i : group.active) {
         const PreparedConstraint& constraint = solver.prepared[i];
         if (!has_moved_node(island.nodes, constraint, sweep.since)) continue;
-        if (!(constraint.effective_mass > 0) || (sweep.stamp > 1 && constraint.turns())) continue;
+        if (!(constraint.effective_mass > 0) || (sweep.stamp > 1 && constraint.turns()) || is_tangled(island.nodes, constraint)) continue;
         double overlap = -separation_after(island, constraint, normal);
         if (constraint.turns()) overlap -= constraint.allowed_overlap;
         if (!(overlap > sweep.least) || (sweep.stamp > 1 && overlap > sweep.most)) continue;
@@ -362,6 +395,7 @@ bool correct_groups(const AdvanceCall& call, const ContactConstraints& constrain
     const uint8_t sweeps = static_cast<uint8_t>(std::min(call.params.contact.iterations, kLastStamp));
     const uint8_t last = static_cast<uint8_t>(std::min(16u * sweeps, kLastStamp));
     island.nodes.moved_in.assign(island.nodes.node.size(), 0);
+    find_tangled_nodes(solver, island);
     for_each_group(solver, [&](ConstraintGroup& group) {
         group.corrected_in = 0;
         forget_displacements(solver, group, island.nodes);
@@ -428,7 +462,7 @@ void correct_positions(const AdvanceCall& call, ContactSolver& solver, AdvanceIs
     for (uint32_t g = 0; g < solver.colour[4]; ++g) deepest = std::max(deepest, solver.group[g].deepest);
     result.deepest_residual = deepest;
     for (uint32_t n = 0; n < island.nodes.node.size(); ++n) {
-        result.opposing_planes += island.nodes.change[n].conflicting && island.nodes.node[n].particle != kNone;
+        result.opposing_planes += (island.nodes.change.conflicting[n] || island.nodes.tangled[n]) && island.nodes.node.particle[n] != kNone;
     }
 }
 

@@ -140,10 +140,12 @@ struct NodeResponse {
 struct ContactNodeSet {
     ContactNodes node;
     ContactNodeChanges change;               // as node
+    RawVector<Vec4d> pressed;                // as node: sum of the directions of what corrections find overlapping
+    std::vector<uint8_t> tangled;            // as node: no displacement frees it of that; corrections leave its constraints alone
     std::vector<uint8_t> moved_in;           // as node: sweep of correct_positions, from 1, that moved it last in this substep; 0: none
     std::vector<uint32_t> node_of_particle;  // index in node or kNone, one per particle of the world
     std::vector<EmbeddedPoint> embedded_point;
-    std::vector<NodeSums> node_sums;  // per chunk of nodes
+    std::vector<NodeSums> node_sums;   // per chunk of nodes
     RawVector<NodeResponse> response;  // as node; empty: nodes respond by their inverse masses
 };
 constexpr uint32_t kNodesPerChunk = 4096;

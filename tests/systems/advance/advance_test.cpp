@@ -594,6 +594,27 @@ TEST(Advance, AVertexBetweenTwoPlatesMeetsThemMidway) {
     }
 }
 
+// Pressed across as well, as between the teeth of closed jaws, no displacement frees the vertex: corrections leave it where it is, and it
+// is counted. Breaks when they move it: out between the plates, a step in every call.
+TEST(Advance, AVertexPressedFromAllSidesStays) {
+    for (const uint32_t iterations : {1u, 7u}) {
+        PressedVertex s(iterations);
+        s.clear_constraints();
+        const uint32_t low = s.add_body(s.bodies.mesh[s.plate], Motion::kStatic, Vec3d(0, 0, s.lowest));
+        const Vec3d at = s.offset(0, 0);
+        const MeshView view = mesh_view(s.meshes, s.bodies.mesh[s.plate]);
+        const double below = (0.4 * view.position[0] + 0.3 * (view.position[1] + view.position[2])).x();
+        const uint32_t side = s.add_body(s.bodies.mesh[s.plate], Motion::kStatic, Vec3d(at.x() + 1e-3 - below, 0, s.lowest));
+        s.add_constraint(0, 0, s.plate, {0, 1, 2}, {0.4, 0.3, 0.3}, {0, 0, 1}, -1e-3, 0);
+        s.add_constraint(0, 0, low, {0, 1, 2}, {0.4, 0.3, 0.3}, {0, 0, -1}, -1e-3, 0);
+        s.add_constraint(0, 0, side, {0, 1, 2}, {0.4, 0.3, 0.3}, {1, 0, 0}, -1e-3, 0);
+        s.advance(1, 1);
+        EXPECT_LT((s.offset(0, 0) - at).norm(), 1e-9) << iterations;
+        EXPECT_EQ(s.result.opposing_planes, 1u);
+        EXPECT_NEAR(s.result.deepest_residual, 1e-3, 1e-6);
+    }
+}
+
 // A free body is corrected once per substep. Between a heavy one and a plate a vertex goes to the middle and
 // stays. Breaks when later sweeps, which omit the free body, press it onto the plate.
 TEST(Advance, AVertexBetweenAFreeBodyAndAPlateMeetsThemMidway) {
