@@ -135,6 +135,16 @@ ThreadTouch touch_of(const ActionPass& pass, const Thread& thread, uint32_t inde
     return touch;
 }
 
+// What is nearer than it should be, as thread is that comes out of a bite, is not thrown out: it keeps the distance that it has or had.
+// last: its touch in the last pass, or null.
+void keep_apart(const Vec3d& at, const ThreadTouch* last, ThreadTouch& touch) {
+    double distance = touch.normal.dot(at - touch.before);
+    if (last && last->body == touch.body) distance = std::max(distance, last->gap);
+    touch.gap = std::min(touch.gap, distance);
+    const double depth = touch.gap - touch.normal.dot(at - touch.before);
+    touch.stored = depth > 0 ? 0.5 * kContactStiffness * depth * depth : 0;
+}
+
 }  // namespace
 
 void find_thread_contacts(const ActionPass& pass, const Threads& threads, ThreadContactScratch& scratch, ThreadState& state,
@@ -149,21 +159,22 @@ void find_thread_contacts(const ActionPass& pass, const Threads& threads, Thread
         if (!thread.contact) continue;
         Rod rod = rod_of(thread, index, state);
         list_points(pass, thread, rod, state, scratch.near);
-        std::fill(rod.touching.begin(), rod.touching.end(), kNone);
         const uint32_t needle = thread.tool == kNone ? kNone : pass.tools[thread.tool].body;
         for (uint32_t body = 0; body < s.bodies.mesh.size(); ++body) {
             if (!may_touch(pass, body, needle)) continue;
             is_deformable(s.bodies, body) ? look_at_deformable(pass, body, scratch.near) : look_at_rigid(pass, body, scratch.near);
         }
+        auto first = static_cast<uint32_t>(scratch.found.size());
         for (const Near& n : scratch.near) {
             if (n.body == kNone) continue;
             ThreadTouch touch = touch_of(pass, thread, index, n);
-            const double depth = touch.gap - touch.normal.dot(rod.position[n.row] - touch.before);
-            touch.stored = depth > 0 ? 0.5 * kContactStiffness * depth * depth : 0;
+            keep_apart(rod.position[n.row], rod.touching[n.row] == kNone ? nullptr : &state.touch[rod.touching[n.row]], touch);
             energy.work_contact += touch.stored;
-            rod.touching[n.row] = static_cast<uint32_t>(scratch.found.size());
             scratch.found.push_back(touch);
         }
+        std::fill(rod.touching.begin(), rod.touching.end(), kNone);
+        for (const Near& n : scratch.near)
+            if (n.body != kNone) rod.touching[n.row] = first++;
     }
     state.touch.assign(scratch.found.begin(), scratch.found.end());
 }
