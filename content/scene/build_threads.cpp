@@ -134,8 +134,9 @@ void add_scene_threads(const SceneFile& scene, World& world) {
         }
     if (scene.threads.empty()) return;
     constexpr uint32_t kHoles = 8;  // that a needle sticks in at once, per body
-    world.threads.most_holds = static_cast<uint32_t>(world.thread_state.hold.size()) + bites;
     world.threads.most_holes = static_cast<uint32_t>(world.threads.sewn.size()) * kHoles;
+    // each hole holds the needle
+    world.threads.most_holds = static_cast<uint32_t>(world.thread_state.hold.size()) + bites + world.threads.most_holes;
     world.thread_state.hold.reserve(world.threads.most_holds);
     world.thread_state.hole.reserve(world.threads.most_holes);
     world.thread_state.touch.reserve(world.thread_state.touching.size());

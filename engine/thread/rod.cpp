@@ -4,16 +4,18 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <utility>
 namespace trocar {
 namespace {
 
 constexpr uint32_t kHalfBand = 6;  // entries left of the diagonal: bending joins every point to the second next, axis by axis
 constexpr uint32_t kWidth = kHalfBand + 1;
-constexpr double kShortest = 0.1;  // of the spacing: least piece beside a bite
-constexpr uint32_t kMostIterations = 40;
-constexpr double kConverged = 1e-10;  // m, largest change in an iteration: a tension of 1e-5 N in a piece of 1 mm
-constexpr double kFarthest = 0.5;     // of the spacing: most that an iteration moves a point
-constexpr uint32_t kMostKnots = 1;    // of a thread
+constexpr double kShortest = 0.1;         // of the spacing: least piece beside a bite
+constexpr uint32_t kMostIterations = 25;  // of 9000 steps of the scene suture that agree, one took more
+constexpr uint32_t kSecant = 12;          // iterations from which friction of surfaces is linearised by its secant
+constexpr double kConverged = 1e-10;      // m, largest change in an iteration: a tension of 1e-5 N in a piece of 1 mm
+constexpr double kFarthest = 0.5;         // of the spacing: most that an iteration moves a point
+constexpr uint32_t kMostKnots = 1;        // of a thread
 
 using Matrix = Eigen::Matrix3d;
 
@@ -44,6 +46,7 @@ struct Step {
     RodScratch& s;
     double stiffness, rigidity;
     bool stuck = false;  // no bite slides in this step
+    uint32_t iteration = 0;
 };
 
 bool is_bite(const Step& e, uint32_t i) { return e.rod.held[i] != kNone && e.holds[e.rod.held[i]].slides; }
@@ -130,40 +133,42 @@ void add_planes(Step& e) {
         if (!(force.depth > 0)) continue;
         const Matrix axial = plane.normal * plane.normal.transpose();
         add_right(e.s, i, force.normal + force.friction);
-        add_diagonal(e.s, i, kContactStiffness * axial + force.drag * (Matrix::Identity() - axial));
+        Matrix across = Matrix::Identity() - axial;
+        // what slides has the same friction a little farther along; that is left out again where points go to and fro about the bound
+        const double bound = plane.friction * force.normal.norm();
+        if (e.iteration < kSecant && bound > 0 && force.friction.norm() > (1 - 1e-9) * bound)
+            across -= force.friction * force.friction.transpose() / force.friction.squaredNorm();
+        add_diagonal(e.s, i, kContactStiffness * axial + force.drag * across);
     }
 }
 
-// L D L^T of the band, in place.
+// L D L^T of the band, in place, column by column: its updates do not wait for each other.
 void factor_band(RodScratch& s, uint32_t rows) {
-    double scaled[kHalfBand];
     for (uint32_t r = 0; r < rows; ++r) {
-        double* row = &s.band[size_t{r} * kWidth];
-        const uint32_t first = r < kHalfBand ? 0 : r - kHalfBand;
-        double diagonal = row[kHalfBand];
-        for (uint32_t c = first; c < r; ++c) {
-            const double* other = &s.band[size_t{c} * kWidth];
-            double sum = row[c + kHalfBand - r];
-            for (uint32_t k = std::max(first, c < kHalfBand ? 0 : c - kHalfBand); k < c; ++k)
-                sum -= scaled[k - first] * other[k + kHalfBand - c];
-            scaled[c - first] = sum;
-            row[c + kHalfBand - r] = sum / other[kHalfBand];
-            diagonal -= sum * row[c + kHalfBand - r];
+        const uint32_t below = std::min(kHalfBand, rows - 1 - r);
+        double* const band = &s.band[size_t{r} * kWidth + kHalfBand];
+        const auto at = [&](uint32_t down, uint32_t right) -> double& { return band[size_t{down} * kWidth + right - down]; };
+        const double inverse = 1 / at(0, 0);
+        double column[kHalfBand + 1];
+        for (uint32_t k = 1; k <= below; ++k) column[k] = at(k, 0);
+        for (uint32_t k = 1; k <= below; ++k) {
+            at(k, 0) = column[k] * inverse;
+            for (uint32_t j = 1; j <= k; ++j) at(k, j) -= at(k, 0) * column[j];
         }
-        row[kHalfBand] = diagonal;
     }
 }
 
-void solve_band(const RodScratch& s, uint32_t rows, double* x) {
-    for (uint32_t r = 0; r < rows; ++r) {
-        const double* row = &s.band[size_t{r} * kWidth];
-        for (uint32_t c = r < kHalfBand ? 0 : r - kHalfBand; c < r; ++c) x[r] -= row[c + kHalfBand - r] * x[c];
+// x: right-hand side, of which the rows below `first` are zero, and solution.
+void solve_band(const RodScratch& s, uint32_t rows, uint32_t first, double* x) {
+    for (uint32_t r = first; r < rows; ++r) {
+        const uint32_t below = std::min(kHalfBand, rows - 1 - r);
+        for (uint32_t k = 1; k <= below; ++k) x[r + k] -= s.band[size_t{r + k} * kWidth + kHalfBand - k] * x[r];
     }
+    for (uint32_t r = 0; r < rows; ++r) x[r] /= s.band[size_t{r} * kWidth + kHalfBand];
     for (uint32_t r = rows; r-- > 0;) {
-        double value = x[r] / s.band[size_t{r} * kWidth + kHalfBand];
-        for (uint32_t up = r + 1; up < std::min(rows, r + kWidth); ++up)
-            value -= s.band[size_t{up} * kWidth + (r + kHalfBand - up)] * x[up];
-        x[r] = value;
+        const double* row = &s.band[size_t{r} * kWidth + kHalfBand];
+        const uint32_t above = std::min(kHalfBand, r);
+        for (uint32_t k = 1; k <= above; ++k) x[r - k] -= row[-static_cast<std::ptrdiff_t>(k)] * x[r];
     }
 }
 
@@ -175,19 +180,31 @@ void choose_flow(Step& e, uint32_t k) {
     const ThreadHold& hold = e.holds[e.rod.held[b]];
     const bool knot = hold.tied != kNone;
     e.s.grip[k] = knot ? grip_of_knot(e.thread.friction, hold) : std::exp(e.thread.friction * std::acos(cosine));
-    e.s.flow[k] = 0;
+    const int8_t before = std::exchange(e.s.flow[k], int8_t{0});
     if (std::isinf(e.s.grip[k])) return;
     const double grip = e.s.grip[k], push = e.stiffness / e.thread.spacing, moved = e.rod.material[b] - e.s.start_material[b];
     const double ahead = upper.tension - (lower.tension > 0 ? grip : 1) * lower.tension - push * moved;
     const double back = lower.tension - (upper.tension > 0 ? grip : 1) * upper.tension + push * moved;
     int8_t flow = ahead > 0 ? 1 : back > 0 ? -1 : 0;
-    // slack thread is not pushed through
-    if (e.stuck || (lower.tension <= 0 && upper.tension <= 0)) flow = 0;
+    // slack thread is not pushed through; what got slack by sliding in this step does not go back
+    if (e.stuck || (flow != before && lower.tension <= 0 && upper.tension <= 0)) flow = 0;
+    // what slides comes to stick before it may slide the other way: from bound to bound it would go to and fro
+    if (flow * before < 0) flow = 0;
     // no piece gets shorter than kShortest
     const double least = kShortest * e.thread.spacing * (1 + 1e-9);
     if ((flow > 0 && lower.rest <= least) || (flow < 0 && upper.rest <= least)) flow = 0;
     e.s.flow[k] = flow;
 }
+
+// Change of the place of a bite that sticks: what slid and sticks again goes back to where it was, unless its piece is the shortest that
+// may be. m
+double way_back(const Step& e, uint32_t b) {
+    const double back = e.s.start_material[b] - e.rod.material[b];
+    const double lower = e.rod.material[b] - e.rod.material[b - 1], upper = e.rod.material[b + 1] - e.rod.material[b];
+    const double least = kShortest * e.thread.spacing * (1 + 1e-9);
+    return (back > 0 && lower <= least) || (back < 0 && upper <= least) ? 0 : back;
+}
+bool moves(const Step& e, uint32_t k) { return e.s.flow[k] != 0 || way_back(e, e.s.bite[k]) != 0; }
 
 // Derivatives of the points' forces by the place of bite k along the thread.
 void set_column(Step& e, uint32_t k, double* column) {
@@ -210,12 +227,7 @@ void set_small_row(Step& e, uint32_t k, uint32_t unknowns, const double* y, uint
     const uint32_t b = e.s.bite[k];
     const int8_t flow = e.s.flow[k];
     if (flow == 0) {
-        row[k] = 1;
-        // what slid and sticks again goes back to where it was, unless its piece is the shortest that may be
-        const double back = e.s.start_material[b] - e.rod.material[b];
-        const double lower = e.rod.material[b] - e.rod.material[b - 1], upper = e.rod.material[b + 1] - e.rod.material[b];
-        const double least = kShortest * e.thread.spacing * (1 + 1e-9);
-        row[unknowns] = (back > 0 && lower <= least) || (back < 0 && upper <= least) ? 0 : back;
+        row[k] = 1, row[unknowns] = way_back(e, b);
         return;
     }
     const Piece lower = piece_of(e.stiffness, e.rod, b - 1), upper = piece_of(e.stiffness, e.rod, b);
@@ -297,21 +309,28 @@ double iterate(Step& e) {
     e.s.right.assign(size_t{rows} * (1 + unknowns), 0.0);
     add_inertia(e), add_pieces(e), add_bending(e), add_holds(e), add_planes(e);
     factor_band(e.s, rows);
-    solve_band(e.s, rows, e.s.right.data());
+    solve_band(e.s, rows, 0, e.s.right.data());
     e.s.slide.assign(unknowns, 0.0);
     if (unknowns > 0) {
         e.s.small.resize(size_t{unknowns} * (unknowns + 1));
         const auto column = [&](uint32_t j) { return &e.s.right[size_t{j + 1} * rows]; };
-        for (uint32_t k = 0; k < bites; ++k) choose_flow(e, k), set_column(e, k, column(k));
+        for (uint32_t k = 0; k < bites; ++k) {
+            choose_flow(e, k);
+            if (!moves(e, k)) continue;
+            set_column(e, k, column(k));
+            solve_band(e.s, rows, 3 * (e.s.bite[k] - 1), column(k));
+        }
         for (uint32_t q = 0; q < knots; ++q)
-            for (uint32_t a = 0; a < 3; ++a)
-                column(bites + 3 * q + a)[3 * e.s.knot[q][0] + a] = 1, column(bites + 3 * q + a)[3 * e.s.knot[q][1] + a] = -1;
-        for (uint32_t j = 0; j < unknowns; ++j) solve_band(e.s, rows, column(j));
+            for (uint32_t a = 0; a < 3; ++a) {
+                double* const x = column(bites + 3 * q + a);
+                x[3 * e.s.knot[q][0] + a] = 1, x[3 * e.s.knot[q][1] + a] = -1;
+                solve_band(e.s, rows, 3 * std::min(e.s.knot[q][0], e.s.knot[q][1]) + a, x);
+            }
         for (uint32_t k = 0; k < bites; ++k) set_small_row(e, k, unknowns, e.s.right.data(), rows);
         for (uint32_t q = 0; q < knots; ++q) set_knot_rows(e, q, unknowns, e.s.right.data(), rows);
         solve_small(e.s.small, unknowns, e.s.slide);
         for (uint32_t j = 0; j < unknowns; ++j)
-            for (uint32_t r = 0; r < rows; ++r) e.s.right[r] += e.s.slide[j] * column(j)[r];
+            for (uint32_t r = 0; r < rows && e.s.slide[j] != 0; ++r) e.s.right[r] += e.s.slide[j] * column(j)[r];
     }
     double most = 0;
     for (uint32_t i = 0; i < n; ++i) most = std::max(most, Eigen::Map<const Vec3d>(&e.s.right[3 * i]).norm());
@@ -441,7 +460,8 @@ RodStep step_rod(const Thread& thread, const Vec3d& gravity, double dt, Rod rod,
     const uint32_t n = rod.count;
     const auto solve = [&] {
         result.iterations = 0;
-        for (double change = 1; change > kConverged && result.iterations < kMostIterations; ++result.iterations) change = iterate(e);
+        for (double change = 1; change > kConverged && result.iterations < kMostIterations; ++result.iterations)
+            e.iteration = result.iterations, change = iterate(e);
     };
     solve();
     if (result.iterations >= kMostIterations &&

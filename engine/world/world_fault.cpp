@@ -708,11 +708,26 @@ void check_threads(const World& w) {
         before += sewn.vertices.count;
     }
     require(s.before.size() == before, "threads: what is sewn does not fit its surface");
-    for (const ThreadHold& hold : s.hold)
+    size_t grips = 0;
+    for (const ThreadHold& hold : s.hold) {
+        require(hold.thread < s.count.size() && (hold.body == kNone || hold.body < w.bodies.mesh.size()),
+                "threads: a hold of a thread or by a body that there is not");
         require(fits(hold.body, hold.node) && hold.stiffness >= 0, "threads: a node that its body does not have");
+        const bool soft = hold.body != kNone && is_deformable(w.bodies, hold.body);
+        require((hold.node[0] != kNone) == soft && (soft || (hold.action == kNone)), "threads: a hold that no tissue bears");
+        const size_t index = static_cast<size_t>(&hold - s.hold.data());
+        require(hold.tied == kNone || (hold.body == kNone && hold.tied < s.hold.size() && s.hold[hold.tied].tied == index),
+                "threads: a knot of one strand");
+        require(hold.action == kNone || hold.action < w.actions.action.size(), "threads: a hold of an action that there is not");
+        const bool grip = hold.action != kNone && !hold.slides;  // engine/thread/needle_grip.hpp
+        grips += grip && !hold.left;
+        require(!grip || w.threads.thread[hold.thread].tool != kNone, "threads: tissue holds a needle that there is not");
+    }
+    require(grips == s.hole.size(), "threads: holes without what holds the needle in them");
     for (const ThreadTouch& touch : s.touch)
         require(fits(touch.body, touch.node), "threads: touched at a node that its body does not have");
     for (const NeedleHole& hole : s.hole) {
+        require(hole.sewn < w.threads.sewn.size(), "threads: a hole in nothing");
         const uint32_t body = w.threads.sewn[hole.sewn].body;
         require(fits(body, hole.node), "threads: a hole at a node that its body does not have");
         for (const uint32_t v : hole.corner)

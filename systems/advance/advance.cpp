@@ -512,7 +512,7 @@ void run_substep(const AdvanceCall& call, bool has_contacts, AdvanceScratch& s, 
     pull_hands(call, island);
     kick_free_bodies(call, island, result);
     pull_linked_rigids(call, island, state.tools);
-    pull_threaded_rigids(call, island, state.tools);
+    pull_threaded_rigids(call, island, state.tools, result);
     pull_grasped_bodies(call, island, state.tools, result);
     if (has_contacts && params.observer.begin) params.observer.begin(params.observer.user);
     if (has_contacts) apply_impulses(call, s.components, s.tissue, s.solver, island, state, result);

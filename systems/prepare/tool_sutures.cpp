@@ -7,6 +7,7 @@
 
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/quaternion.hpp"
+#include "engine/thread/needle_grip.hpp"
 #include "engine/tissue/deformable_setup.hpp"
 #include "engine/tissue/embedded_surface.hpp"
 namespace trocar {
@@ -72,37 +73,64 @@ OnSurface find_crossing(const Surfaces& s, uint32_t body, std::span<const Vec3d>
 
 NeedleHole make_hole(const ActionPass& pass, uint32_t sewn, uint32_t body, const OnSurface& on) {
     const Surfaces& s = pass.world.surfaces;
-    const uint32_t prototype = s.bodies.mesh[body];
-    const Triangle t = mesh_view(s.meshes, prototype).triangle[on.triangle];
+    const Triangle t = mesh_view(s.meshes, s.bodies.mesh[body]).triangle[on.triangle];
     NeedleHole hole;
     hole.sewn = sewn, hole.side = on.side;
     for (int k = 0; k < 3; ++k) hole.corner[k] = t[k];
-    const Range skin = prototype < pass.world.solids.info.size() ? pass.world.solids.info[prototype].skin : Range{};
-    if (skin.count > 0) {
-        Eigen::Index nearest;
-        on.weight.maxCoeff(&nearest);
-        hole.node = pass.world.solids.embedding_node[skin.first + t[nearest]];
-        hole.weight = pass.world.solids.embedding_weight[skin.first + t[nearest]];
-    } else {
-        for (int k = 0; k < 3; ++k) hole.node[k] = t[k], hole.weight[k] = on.weight[k];
-    }
+    const SewnNodes under = nodes_under(pass, body, on.triangle, on.weight);
+    hole.node = under.node, hole.weight = under.weight;
     return hole;
 }
 
-Vec3d sewn_place(const ActionPass& pass, uint32_t body, const std::array<uint32_t, 4>& node, const std::array<double, 4>& weight) {
-    const Surfaces& s = pass.world.surfaces;
-    const uint32_t first = s.bodies.particles[body].first + embedded_count(pass.world.solids, s.bodies.mesh[body]);
-    Vec3d sum = Vec3d::Zero();
-    for (uint32_t k = 0; k < 4 && node[k] != kNone; ++k) {
-        const Float4& o = s.particles.offset[first + node[k]];
-        sum += weight[k] * (s.poses.origin[body] + Vec3d(o.x, o.y, o.z));
+// The tissue at a hole takes hold of the needle. needle: its body.
+ThreadHold make_grip(const ActionPass& pass, const SewnBody& sewn, const NeedleHole& hole, uint32_t needle) {
+    ThreadHold grip;
+    grip.thread = sewn.thread, grip.body = sewn.body, grip.action = sewn.action, grip.stiffness = sewn.stiffness;
+    grip.node = hole.node, grip.weight = hole.weight;
+    grip.before = sewn_place_at_velocity(pass, sewn.body, hole.node, hole.weight);
+    grip.point = world_to_frame(pass.world.surfaces, needle, grip.before);
+    return grip;
+}
+
+// Index of the grip of a hole. They have the same order.
+uint32_t grip_of_hole(const ThreadState& state, size_t hole) {
+    uint32_t h = 0;
+    for (;; ++h)
+        if (is_grip(state.hold[h]) && !state.hold[h].left && hole-- == 0) return h;
+}
+
+// Takes out a hole and its grip, whose energy is lost.
+void close_hole(size_t hole, ThreadState& state, Energy& energy) {
+    ThreadHold& grip = state.hold[grip_of_hole(state, hole)];
+    energy.work_contact -= grip.stored;
+    grip.stored = 0, grip.left = true;
+    state.hole.erase(state.hole.begin() + static_cast<std::ptrdiff_t>(hole));
+}
+
+// Sets what the grips of an action bear: friction times the length of the needle in the tissue. In a sheet that is the wall, in a
+// closed body the chord between two holes, of which each has half, or from a hole to the end that is inside.
+void set_grip_limits(const ActionPass& pass, const Threads& threads, uint32_t index, const Vec3d& point, const Vec3d& end,
+                     ThreadState& state) {
+    const auto place = [&](const NeedleHole& h) { return sewn_place(pass, threads.sewn[h.sewn].body, h.node, h.weight); };
+    for (size_t i = 0; i < state.hole.size(); ++i) {
+        const NeedleHole& hole = state.hole[i];
+        const SewnBody& sewn = threads.sewn[hole.sewn];
+        if (sewn.action != index) continue;
+        double length = pass.world.surfaces.bodies.thickness[sewn.body];
+        if (has_inside(pass.world.surfaces, sewn.body)) {
+            const bool entry = hole.side < 0;
+            size_t other = entry ? i + 1 : i - 1;
+            while (other < state.hole.size() && state.hole[other].sewn != hole.sewn) entry ? ++other : --other;
+            const bool both = other < state.hole.size() && state.hole[other].side != hole.side;
+            length = both ? 0.5 * (place(state.hole[other]) - place(hole)).norm() : ((entry ? point : end) - place(hole)).norm();
+        }
+        state.hold[grip_of_hole(state, i)].upper = pass.actions.action[index].friction * length;
     }
-    return sum;
 }
 
 // The needle's point makes holes.
 void make_holes(const ActionPass& pass, const Threads& threads, uint32_t index, const Vec3d& from, const Vec3d& to,
-                ActionProgress& progress, ThreadState& state) {
+                ActionProgress& progress, ThreadState& state, Energy& energy) {
     for (uint32_t n = 0; n < threads.sewn.size(); ++n) {
         if (threads.sewn[n].action != index) continue;
         const uint32_t body = threads.sewn[n].body;
@@ -116,26 +144,15 @@ void make_holes(const ActionPass& pass, const Threads& threads, uint32_t index, 
         // near a fold two triangles may see one passing in two passes
         if (std::ranges::any_of(state.hole, [&](const NeedleHole& hole) { return near(hole, on.side); })) continue;
         const auto withdrawn = std::ranges::find_if(state.hole, [&](const NeedleHole& hole) { return near(hole, -on.side); });
-        if (withdrawn != state.hole.end())
-            state.hole.erase(withdrawn);
-        else if (state.hole.size() < threads.most_holes)
+        if (withdrawn != state.hole.end()) {
+            close_hole(static_cast<size_t>(withdrawn - state.hole.begin()), state, energy);
+        } else if (state.hole.size() < threads.most_holes && state.hold.size() < threads.most_holds) {
             state.hole.push_back(make_hole(pass, n, body, on));
-        else
+            state.hold.push_back(make_grip(pass, threads.sewn[n], state.hole.back(), pass.tools[pass.actions.action[index].tool].body));
+        } else {
             ++progress.misfires;
+        }
     }
-}
-
-// The same at the time of the velocities, at which energies are measured.
-Vec3d sewn_place_at_velocity(const ActionPass& pass, uint32_t body, const std::array<uint32_t, 4>& node,
-                             const std::array<double, 4>& weight) {
-    const Surfaces& s = pass.world.surfaces;
-    const uint32_t first = s.bodies.particles[body].first + embedded_count(pass.world.solids, s.bodies.mesh[body]);
-    Vec3d rate = Vec3d::Zero();
-    for (uint32_t k = 0; k < 4 && node[k] != kNone; ++k) {
-        const uint32_t p = first + node[k];
-        rate += weight[k] * Vec3d(s.particles.velocity_x[p], s.particles.velocity_y[p], s.particles.velocity_z[p]);
-    }
-    return sewn_place(pass, body, node, weight) - 0.5 * s.particles.last_dt[body] * rate;
 }
 
 // Puts the thread on a needle through a hole. It is on the thread where the thread is, and steps draw the two together: at once it
@@ -241,9 +258,18 @@ void wind(const Vec3d& gravity, const Threads& threads, uint32_t index, const Ve
     ++slides.throws, slides.way = way, ++done.throws;
 }
 
+// Whether the needle's blunt end has passed a hole. A plane goes on beyond the hole: the end has passed that only if it is within half of
+// the needle beside it, or nearer to it than the point.
+bool has_passed(const Corners& corners, double side, const Vec3d& hole, const Vec3d& point, const Vec3d& end) {
+    const Vec3d way = end - hole;
+    const double height = corners.normal.dot(way);
+    const bool near = (way - height * corners.normal).norm() < 0.5 * (end - point).norm() || way.norm() < (point - hole).norm();
+    return side * height > 0 && near;
+}
+
 // The needle's blunt end takes the thread through the holes, in their order.
-void draw_through(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, uint32_t index, const Vec3d& end,
-                  ActionProgress& progress, ThreadState& state, Energy& energy) {
+void draw_through(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, uint32_t index, const Vec3d& point,
+                  const Vec3d& end, ActionProgress& progress, ThreadState& state, Energy& energy) {
     const Surfaces& s = pass.world.surfaces;
     while (true) {
         const auto hole = std::ranges::find_if(state.hole, [&](const NeedleHole& h) { return threads.sewn[h.sewn].action == index; });
@@ -251,9 +277,9 @@ void draw_through(const ActionPass& pass, const Vec3d& gravity, const Threads& t
         const uint32_t body = threads.sewn[hole->sewn].body;
         const Corners c = corners_of(hole->corner, [&](uint32_t v) { return sewn_vertex(s, body, v); });
         const Vec3d at = sewn_place(pass, body, hole->node, hole->weight);
-        if (!(hole->side * c.normal.dot(end - at) > 0)) return;
+        if (!has_passed(c, hole->side, at, point, end)) return;
         make_bite(pass, gravity, threads, *hole, state, energy) ? ++progress.done : ++progress.misfires;
-        state.hole.erase(hole);
+        close_hole(static_cast<size_t>(hole - state.hole.begin()), state, energy);
     }
 }
 
@@ -290,13 +316,15 @@ void sew(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, S
         const Surfaces& s = pass.world.surfaces;
         const uint32_t needle = pass.tools[action.tool].body;
         const Vec3d point = frame_to_world(s, needle, action.point), end = frame_to_world(s, needle, action.edge);
-        if (progress.on && progress.swept) make_holes(pass, threads, index, progress.from, point, progress, state);
+        if (progress.on && progress.swept) make_holes(pass, threads, index, progress.from, point, progress, state, energy);
         const bool swept = progress.on && progress.swept;
-        draw_through(pass, gravity, threads, index, end, progress, state, energy);
+        draw_through(pass, gravity, threads, index, point, end, progress, state, energy);
         for (uint32_t t = 0; swept && t < threads.thread.size(); ++t)
             if (threads.thread[t].tool == action.tool) wind(gravity, threads, t, progress.from_edge, end, progress, state, energy);
+        set_grip_limits(pass, threads, index, point, end, state);
         progress.swept = progress.on, progress.from = point, progress.from_edge = end;
     }
+    changed = drop_left(state) || changed;
     for (const SewnBody& sewn : threads.sewn)
         for (uint32_t v = 0; v < sewn.vertices.count; ++v)
             state.before[sewn.vertices.first + v] = sewn_vertex(pass.world.surfaces, sewn.body, v);
@@ -365,7 +393,7 @@ void note_thread_forces(double seconds, const Threads& threads, bool first, cons
     for (const ThreadHold& hold : state.hold) {
         if (hold.slides || hold.left) continue;
         const uint32_t tool = threads.thread[hold.thread].tool;
-        if (tool != kNone && hold.body != kNone) tools[tool].link_force += hold.impulse / seconds;
+        if (tool != kNone && hold.body != kNone) tools[tool].link_force += (is_grip(hold) ? -1 : 1) / seconds * hold.impulse;
     }
 }
 

@@ -11,11 +11,11 @@ namespace trocar {
 // Begins a pass of the threads: forgets the last pass' impulses, and bites that the end of a thread has left; keeps the
 // bodies that they hold awake. Where the trigger of a suture is pulled and its point (the needle's) passes through a surface that it
 // sews, that leaves a hole; a point that comes back within kWithdrawn of the hole takes it with it. Once the needle's blunt end, `edge`,
-// has passed through the plane of the hole, the thread that hangs on the needle goes through it: a bite, joined to the three
+// has passed through the plane of the hole beside it, the thread that hangs on the needle goes through it: a bite, joined to the three
 // vertices around the hole, or to the nodes of the nearest one where the surface is embedded. Holes and bites beyond those reserved are
-// misfires. Once round the strand between the first bite and the first end, if something holds that end, the needle makes a throw: the two
-// strands are tied beside their bites, by a knot that slips as grip_of_knot says. A throw round the other way than the one before is
-// squared.
+// misfires. While the needle is in a hole, the tissue there holds it (engine/thread/needle_grip.hpp). Once round the strand between the
+// first bite and the first end, if something holds that end, the needle makes a throw: the two strands are tied beside their bites, by a
+// knot that slips as grip_of_knot says. A throw round the other way than the one before is squared.
 struct SewScratch {
     ThreadContactScratch contacts;
     std::vector<double> limits;

@@ -110,9 +110,10 @@ TEST(Threads, ANeedleMakesStitchesAndTheHandFeelsThem) {
                     w.energy.work_hand, worst, w.energy.work_numeric, s.progress[0].friction_work, w.energy.work_links);
     });
     EXPECT_GT(ratio, 0.98) << "it slid";
-    // in a substep whose iterations do not agree where the thread slides, it sticks everywhere
     EXPECT_GT(looked, 40);
+    // in a substep whose iterations do not agree where the thread slides, it sticks everywhere
     EXPECT_LE(beyond, looked / 20);
+    std::printf("beyond the bound %d of %d\n", beyond, looked);
     EXPECT_LT(worst, 1e-3 * most_work);
 }
 
@@ -220,7 +221,7 @@ TEST(Threads, ASavedStateGoesOn) {
         for (uint32_t r = 0; r < static_cast<uint32_t>(Resource::kCount); ++r)
             if (resource_kind(static_cast<Resource>(r)) == ResourceKind::kState) visit(static_cast<Resource>(r));
     };
-    run(scene.build().world, 36, [&](Frame& frame, int pass) {
+    run(scene.build().world, 1200, [&](Frame& frame, int pass) {
         if (pass == 15) states([&](Resource r) { save_resource(frame.world(), r, record); });
         if (pass == 35) hash = state_hash(frame.world());
     });
@@ -297,6 +298,240 @@ TEST(Threads, AThreadSlidesDownASlopeByCoulombsLaw) {
             EXPECT_LT(std::abs(w.energy.balance), 1e-3 * std::abs(w.energy.gravity - 0));
         });
     }
+}
+
+// A thread of EA = 0.39 N from a fixed end over a static capsule of radius 8 mm to a hand that draws it along: 180 degrees.
+std::string over_a_capsule(double friction, double seconds) {
+    std::string path;
+    for (int k = 0; k <= 24; ++k) {
+        const double angle = 3.14159265358979 * k / 24, r = 0.00815;
+        path += ", [" + std::to_string(-r * std::cos(angle)) + ", 0.0, " + std::to_string(r * std::sin(angle)) + "]";
+    }
+    return R"(
+gravity = [0.0, 0.0, 0.0]
+[contact]
+rate = 240
+[[body]]
+name = "post"
+shape = "capsule"
+size = 0.032
+triangles = 60000
+motion = "static"
+rotation = [1.0, 0.0, 0.0, 90.0]
+[body.tissue]
+friction = )" +
+           std::to_string(friction) + R"(
+[[body]]
+name = "needle"
+shape = "box"
+size = 0.002
+triangles = 12
+motion = "hand"
+mass = 0.05
+position = [0.00815, 0.0, -0.03]
+[[thread]]
+name = "silk"
+tool = "needle"
+end = [0.0, 0.0, 0.0]
+path = [[-0.00815, 0.0, -0.03])" +
+           path + R"(]
+fixed = true
+contact = true
+youngs_modulus = 1e7
+damping = 0.0
+spacing = 1e-3
+[[tool]]
+body = "needle"
+tip = [0.0, 0.0, 0.0]
+tip_radius = 0.0005
+stiffness = 800.0
+[[tool.path]]
+time = 0.0
+position = [0.00815, 0.0, -0.03]
+[[tool.path]]
+time = )" + std::to_string(seconds) +
+           R"(
+position = [0.00815, 0.0, -0.06]
+)";
+}
+
+// The plane of a contact is that of a whole pass: a thread that slides with v over a radius R turns by v / (2 rate R) until its end.
+TEST(Threads, LongAThreadThatSlidesOverAPostHasTheCapstansTensions) {
+    const double friction = 0.2, expected = std::exp(friction * 3.14159265358979);
+    double worst = 0, energy = 0;
+    run(WrittenScene("post", over_a_capsule(friction, 6.0)).build().world, 1200, [&](Frame& frame, int pass) {
+        World& w = const_cast<World&>(frame.world());
+        const Thread& thread = w.threads.thread[0];
+        const Rod rod = rod_of(thread, 0, w.thread_state);
+        const double ratio = tension_of(thread, rod, rod.count - 3) / tension_of(thread, rod, 2);
+        for (uint32_t i = 0; i < rod.count; ++i) {
+            const double off = std::hypot(rod.position[i].x(), rod.position[i].z());
+            EXPECT_TRUE(rod.position[i].z() < 0 || off > 0.008 - 2e-4) << pass << " " << i;
+        }
+        energy = std::max(energy, std::abs(w.energy.balance) / std::max(1e-6, w.energy.work_hand));
+        if (pass < 240) return;
+        worst = std::max(worst, std::abs(ratio / expected - 1));
+        if (pass == 1199)
+            std::printf("ratio %.4f of exp(mu pi) = %.4f, worst %.2g, balance %.2g of the hand's work\n", ratio, expected, worst, energy);
+    });
+    EXPECT_LT(worst, 0.02);
+    EXPECT_LT(energy, 1e-3);
+}
+
+// A heavy thread of 30 mm, 1 mm thick, falls on a sheet that holds itself in place.
+const char* const kOnASheet = R"(
+[[body]]
+name = "sheet"
+shape = "sheet"
+size = 0.04
+triangles = 200
+motion = "deformable"
+anchor = "world"
+thickness = 1e-3
+[body.tissue]
+youngs_modulus = 5e4
+wall = 2e-3
+depth = 0.02
+damping = 30.0
+friction = 0.3
+[[thread]]
+name = "rope"
+path = [[-0.0151, 0.0013, 0.003], [0.0149, 0.0013, 0.003]]
+contact = true
+diameter = 1e-3
+density = 8000.0
+youngs_modulus = 1e7
+)";
+
+TEST(Threads, AThreadLiesOnTissueWithItsWeight) {
+    double worst = 0, most = 0;
+    run(WrittenScene("on_a_sheet", kOnASheet).build().world, 90, [&](Frame& frame, int pass) {
+        World& w = const_cast<World&>(frame.world());
+        const Thread& thread = w.threads.thread[0];
+        const Rod rod = rod_of(thread, 0, w.thread_state);
+        worst = std::max(worst, std::abs(w.energy.balance)), most = std::max(most, std::abs(w.energy.gravity));
+        if (pass != 89) return;
+        Vec3d force = Vec3d::Zero();
+        for (uint32_t i = 0; i < rod.count; ++i) {
+            EXPECT_GT(rod.position[i].z(), 0.0) << i;
+            EXPECT_LT(rod.velocity[i].norm(), 1e-3) << i;
+            if (rod.touching[i] == kNone) continue;
+            const ThreadTouch& touch = w.thread_state.touch[rod.touching[i]];
+            EXPECT_NE(touch.node[0], kNone);
+            force += kContactStiffness * std::max(0.0, touch.gap - touch.normal.dot(rod.position[i] - touch.before)) * touch.normal;
+        }
+        const double weight = 9.81 * mass_per_length(thread) * rod.material[rod.count - 1];
+        std::printf("pressed with %.5f mN of %.5f mN, balance %.2g of %.2g J\n", 1e3 * force.z(), 1e3 * weight, worst, most);
+        EXPECT_NEAR(force.z(), weight, 0.01 * weight);
+    });
+    EXPECT_LT(worst, 2e-3 * most);
+}
+
+TEST(Threads, AThreadOnTissueSameBits) {
+    expect_same_bits(WrittenScene("on_a_sheet_bits", kOnASheet), 12,
+                     [](const Frame& frame) { EXPECT_FALSE(threads_of(frame).touch.empty()); });
+}
+
+// Another hand presses on a thread that is held at both ends: it bears what the two strands pull.
+TEST(Threads, AnInstrumentFeelsTheThreadThatItPresses) {
+    std::string text = over_a_capsule(0.0, 0.3);
+    const auto replace = [&](const std::string& from, const std::string& to) { text.replace(text.find(from), from.size(), to); };
+    replace("motion = \"static\"", "motion = \"hand\"\nmass = 0.05");
+    replace("[[tool]]\nbody = \"needle\"", R"([[tool]]
+body = "post"
+tip = [0.0, 0.0, 0.0]
+tip_radius = 0.0005
+stiffness = 800.0
+[[tool.path]]
+time = 0.0
+position = [0.0, 0.0, 0.0]
+rotation = [1.0, 0.0, 0.0, 90.0]
+[[tool.path]]
+time = 0.6
+position = [0.0, 0.0, 0.0]
+rotation = [1.0, 0.0, 0.0, 90.0]
+[[tool]]
+body = "needle")");
+    run(WrittenScene("pressed_thread", text).build().world, 144, [&](Frame& frame, int pass) {
+        World& w = const_cast<World&>(frame.world());
+        const Thread& thread = w.threads.thread[0];
+        const Rod rod = rod_of(thread, 0, w.thread_state);
+        if (pass != 143) return;
+        const double strands = tension_of(thread, rod, 2) + tension_of(thread, rod, rod.count - 3);
+        const double pulled = 800 * -w.poses.origin[0].z();  // by the coupling, whose other end is at 0
+        std::printf("strands %.4f N, post %.4f N, balance %.2g of %.2g J\n", strands, pulled, w.energy.balance, w.energy.work_hand);
+        EXPECT_GT(strands, 0.1);
+        EXPECT_NEAR(pulled, strands, 0.02 * strands);
+        EXPECT_LT(std::abs(w.energy.balance), 2e-3 * std::abs(w.energy.work_hand));
+    });
+}
+
+TEST(Threads, AThreadPullsAFreeBodyByWhatTheHandGives) {
+    std::string text = over_a_capsule(0.2, 0.3);
+    const std::string from = "motion = \"static\"";
+    text.replace(text.find(from), from.size(), "motion = \"free\"\nmass = 0.05");
+    double most = 0;
+    run(WrittenScene("free_post", text).build().world, 72, [&](Frame& frame, int pass) {
+        const World& w = frame.world();
+        most = std::max(most, std::abs(w.energy.balance));
+        if (pass != 71) return;
+        std::printf("post %.4f m/s, balance %.2g of %.2g J\n", w.poses.velocity[0].z(), most, w.energy.work_hand);
+        EXPECT_LT(w.poses.velocity[0].z(), -0.1);
+        EXPECT_LT(w.energy.work_contact, 0);
+        EXPECT_LT(most, 2e-3 * w.energy.work_hand);
+    });
+}
+
+// In a sheet of 1 mm a needle that slips feels friction times that, and friction takes that times the way that it slips.
+TEST(Threads, TheHandFeelsTheNeedleInTheTissue) {
+    const std::string path = key(0, -0.0071, 0.008) + key(0.15, -0.0071, -0.008) + key(0.3, -0.0071, -0.008);
+    double felt[2] = {}, rubbed[2] = {}, worst = 0;
+    for (const int rough : {0, 1}) {
+        const std::string friction = "friction = " + std::to_string(rough * 50.0) + "\n";
+        run(WrittenScene("friction", sewing(path, "", friction)).build().world, 18, [&](Frame& frame, int pass) {
+            const World& w = frame.world();
+            if (pass == 5) {
+                ASSERT_EQ(threads_of(frame).hole.size(), 1u);
+                ASSERT_EQ(threads_of(frame).hold.size(), 2u);
+                felt[rough] = w.haptics.state[0].link_force.z();
+            }
+            if (pass != 17) return;
+            EXPECT_EQ(w.action_state.progress[0].done, 1u);
+            EXPECT_EQ(threads_of(frame).hold.size(), 2u) << "the end and a bite";
+            EXPECT_EQ(find_fault(w), "");
+            rubbed[rough] = w.energy.work_contact;
+            worst = std::max(worst, std::abs(w.energy.balance / w.energy.work_hand));
+        });
+    }
+    std::printf("felt %.4f N without, %.4f N with; work %.3g and %.3g J; balance %.2g\n", felt[0], felt[1], rubbed[0], rubbed[1], worst);
+    EXPECT_NEAR(felt[1] - felt[0], 0.05, 0.002);
+    // 8 mm of needle less what the tissue goes along; the pass ends when its blunt end is up to 1.8 mm farther
+    EXPECT_LT(rubbed[1] - rubbed[0], -0.5 * 0.05 * 0.008);
+    EXPECT_GT(rubbed[1] - rubbed[0], -1.25 * 0.05 * 0.008);
+    EXPECT_LT(worst, 2e-3);
+}
+
+// What a damaged capture may hold is named instead of followed.
+TEST(Threads, ADamagedStateIsRefused) {
+    run(WrittenScene("damaged", two_stitches()).build().world, 24, [&](Frame& frame, int pass) {
+        if (pass != 23) return;
+        World& w = const_cast<World&>(frame.world());
+        ASSERT_EQ(find_fault(w), "");
+        const ThreadState good = w.thread_state;
+        const auto fault = [&](const auto& damage) {
+            damage(w.thread_state);
+            const std::string text = find_fault(w);
+            w.thread_state = good;
+            return text;
+        };
+        EXPECT_NE(fault([](ThreadState& s) { s.hold[1].body = 1000; }), "");
+        EXPECT_NE(fault([](ThreadState& s) { s.hold[1].body = kNone; }), "");
+        EXPECT_NE(fault([](ThreadState& s) { s.hold[0].thread = 7; }), "");
+        EXPECT_NE(fault([](ThreadState& s) { s.hold[1].node.fill(kNone); }), "");
+        EXPECT_NE(fault([](ThreadState& s) { s.hold[1].tied = 1; }), "");
+        EXPECT_NE(fault([](ThreadState& s) { s.hold[1].slides = false; }), "");
+        EXPECT_NE(fault([](ThreadState& s) { s.hole.emplace_back().sewn = 3; }), "");
+    });
 }
 
 TEST(Threads, WhatCannotBeIsRefused) {

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "engine/mesh/surfaces.hpp"
+#include "engine/thread/needle_grip.hpp"
 #include "engine/thread/rod.hpp"
 #include "systems/advance/rigid/rigid_bodies.hpp"
 namespace trocar {
@@ -47,6 +48,10 @@ const AdvanceBody& threaded_body(const AdvanceIsland& island, const At& hold) {
     return island.body[island.slot_of_body[hold.body]];
 }
 
+// What there is between the nodes' point and the body's, m.
+Vec3d opening_of(const ThreadTouch& touch) { return touch.point; }
+Vec3d opening_of(const ThreadHold& hold) { return is_grip(hold) ? Vec3d(Vec3d::Zero()) : hold.point; }
+
 // The body's point when its forces are found: as of a link (link_forces.cpp).
 template <typename At>
 Vec3d thread_place_at_kick(const AdvanceCall& call, const Particles& particles, const AdvanceIsland& island, const At& hold,
@@ -56,7 +61,7 @@ Vec3d thread_place_at_kick(const AdvanceCall& call, const Particles& particles, 
     if (hold.body == kNone) return hold.point;
     const AdvanceBody& b = threaded_body(island, hold);
     const double ahead = b.synchronous() ? 0.5 * call.dt : 0.0;
-    return hold.point +
+    return opening_of(hold) +
            sum_held_nodes(hold, [&](uint32_t n) { return Vec3d(node_place(b, b.now, n) + ahead * node_velocity(particles, b, n)); });
 }
 
@@ -67,7 +72,7 @@ Vec3d thread_place_at_velocity(const Particles& particles, const AdvanceIsland& 
     if (rigid != kNone) return to_vec3(island.rigid[rigid].pose[1](to_vec4(hold.point)));
     if (hold.body == kNone) return hold.point;
     const AdvanceBody& b = threaded_body(island, hold);
-    return hold.point + sum_held_nodes(hold, [&](uint32_t n) {
+    return opening_of(hold) + sum_held_nodes(hold, [&](uint32_t n) {
                return Vec3d(node_place(b, b.next, n) - 0.5 * b.last_dt * node_velocity(particles, b, n));
            });
 }
@@ -123,7 +128,9 @@ void set_planes(const AdvanceCall& call, const Particles& particles, AdvanceIsla
             velocity = sum_held_nodes(touch, [&](uint32_t n) { return node_velocity(particles, b, n); });
         } else if (t.touch_rigid[index] != kAwayBody) {
             const AdvanceRigid& rigid = island.rigid[t.touch_rigid[index]];
-            velocity = to_vec3(rigid.pose[1](to_vec4(touch.point)) - rigid.pose[0](to_vec4(touch.point))) / call.dt;
+            const Vec4d point = to_vec4(touch.point);
+            velocity = to_vec3(rigid.node == kNone ? (rigid.pose[1](point) - rigid.pose[0](point)) / call.dt
+                                                   : island.nodes.node[rigid.node].velocity + rigid.velocity(point));
         }
         t.plane[index] = {touch.normal, touch.normal.dot(place) + touch.gap, velocity, touch.friction};
     }
@@ -150,6 +157,36 @@ double set_thread_forces(const AdvanceCall& call, AdvanceIsland& island, uint32_
         }
     }
     return work;
+}
+
+// Slot of the needle of a thread in island.rigid, or kNone.
+uint32_t needle_slot(const AdvanceCall& call, const AdvanceIsland& island, uint32_t thread) {
+    const uint32_t tool = call.inputs.other.threads->thread[thread].tool;
+    return tool == kNone ? kNone : island.slot_of_body[call.inputs.tools[tool].body];
+}
+Vec3d needle_place(const AdvanceRigid& needle, const ThreadHold& grip, int end) { return to_vec3(needle.pose[end](to_vec4(grip.point))); }
+
+// Forces of a needle on the tissue that holds it, which slips where they are too large.
+void set_grip_forces(const AdvanceCall& call, const Particles& particles, AdvanceIsland& island, uint32_t thread, AdvanceResult& result) {
+    IslandThreads& t = island.threads;
+    ThreadState& state = *call.inputs.other.thread_state;
+    const uint32_t slot = needle_slot(call, island, thread);
+    for (uint32_t h = 0; h < state.hold.size() && slot != kNone; ++h) {
+        ThreadHold& grip = state.hold[h];
+        if (grip.thread != thread || !is_grip(grip) || t.rigid[h] != kNone) continue;
+        const AdvanceRigid& needle = island.rigid[slot];
+        const Vec3d place = thread_place_at_kick(call, particles, island, grip, kNone), at = needle_place(needle, grip, 0);
+        const double force = grip.stiffness * (at - place).norm();
+        if (!std::isfinite(force)) continue;
+        Vec3d held = at;
+        if (force > grip.upper) {
+            held = place + grip.upper / force * (at - place);
+            grip.point = to_vec3(needle.pose[0].turn_back(to_vec4(held) - needle.pose[0].shift));
+            result.work_contact += energy_of_hold(grip.stiffness, held - grip.before) - energy_of_hold(grip.stiffness, at - grip.before);
+        }
+        t.row[h] = call.inputs.other.threads->thread[thread].rows.first;  // any
+        t.force[h] = grip.stiffness * (held - place), t.kick[h] = kick_on(call, island, grip, kNone);
+    }
 }
 
 void add_force(const std::array<uint32_t, 4>& node, const std::array<double, 4>& weight, const Vec3d& force, float* const axis[3]) {
@@ -214,6 +251,7 @@ void step_threads(const AdvanceCall& call, const Particles& particles, AdvanceIs
         for (uint32_t k = 0; k < state.touch.size(); ++k)
             if (state.touch[k].thread == index) t.touch_row[k] = kNone;
         const double rubbed = set_thread_forces(call, island, thread.rows.first, rod);
+        set_grip_forces(call, particles, island, index, result);
         ThreadProgress& progress = state.progress[index];
         if (account) {
             result.work_damping += step.damping_work, result.work_contact += step.friction_work + rubbed;
@@ -249,26 +287,46 @@ double work_of_threads(const OtherForces& other, const AdvanceIsland& island, co
     return work;
 }
 
-void pull_threaded_rigids(const AdvanceCall& call, AdvanceIsland& island, std::span<ToolState> tools) {
+namespace {
+
+// Applies an impulse (N s) at a point (m, of its frame) to a rigid body. Returns the kinetic energy that a free one gains, J.
+double push_rigid(const AdvanceCall& call, AdvanceIsland& island, uint32_t slot, const Vec3d& point, const Vec3d& push,
+                  std::span<ToolState> tools) {
+    AdvanceRigid& rigid = island.rigid[slot];
+    const Vec4d impulse = to_vec4(push), at = rigid.pose[0](to_vec4(point));
+    const uint32_t tool = rigid.holder == kNone ? rigid.tool : island.rigid[rigid.holder].tool;
+    if (tool != kNone) tools[tool].contact_impulse += push;
+    add_grip_moment(call, island, slot, at, impulse, tools);
+    if (rigid.node == kNone) return 0;
+    const ContactNode node = island.nodes.node[rigid.node];
+    const auto speed = [&] { return node.velocity + rigid.velocity(to_vec4(point)); };
+    const Vec4d before = speed();
+    node.velocity += node.inv_mass * impulse;
+    if (rigid.free == kNone) return 0;
+    AdvanceFree& f = island.free[rigid.free];
+    f.spin += f.respond(cross(at - node.position, impulse));
+    f.spin_before = f.spin;
+    note_spin(f, island);
+    return f.held ? 0 : 0.5 * dot(impulse, before + speed());
+}
+
+}  // namespace
+
+void pull_threaded_rigids(const AdvanceCall& call, AdvanceIsland& island, std::span<ToolState> tools, AdvanceResult& result) {
     const IslandThreads& t = island.threads;
     if (t.thread.empty()) return;
+    const ThreadState& state = *call.inputs.other.thread_state;
+    const auto in_island = [](uint32_t row, uint32_t rigid) { return row != kNone && rigid != kNone && rigid != kAwayBody; };
     for (uint32_t h = 0; h < t.row.size(); ++h) {
-        if (t.row[h] == kNone || t.rigid[h] == kNone || t.rigid[h] == kAwayBody) continue;
-        AdvanceRigid& rigid = island.rigid[t.rigid[h]];
-        const ThreadHold& hold = call.inputs.other.thread_state->hold[h];
-        const Vec4d impulse = to_vec4(t.kick[h] * t.force[h]);
-        const uint32_t tool = rigid.holder == kNone ? rigid.tool : island.rigid[rigid.holder].tool;
-        if (tool != kNone) tools[tool].contact_impulse += to_vec3(impulse);
-        add_grip_moment(call, island, t.rigid[h], rigid.pose[0](to_vec4(hold.point)), impulse, tools);
-        if (rigid.node == kNone) continue;
-        const ContactNode node = island.nodes.node[rigid.node];
-        node.velocity += node.inv_mass * impulse;
-        if (rigid.free == kNone) continue;
-        AdvanceFree& f = island.free[rigid.free];
-        f.spin += f.respond(cross(rigid.pose[0](to_vec4(hold.point)) - node.position, impulse));
-        f.spin_before = f.spin;
-        note_spin(f, island);
+        const ThreadHold& hold = state.hold[h];
+        if (in_island(t.row[h], t.rigid[h]))
+            push_rigid(call, island, t.rigid[h], hold.point, t.kick[h] * t.force[h], tools);
+        else if (t.row[h] != kNone && is_grip(hold))
+            push_rigid(call, island, needle_slot(call, island, hold.thread), hold.point, -call.dt * t.force[h], tools);
     }
+    for (uint32_t k = 0; k < t.touch_row.size(); ++k)
+        if (in_island(t.touch_row[k], t.touch_rigid[k]))
+            result.work_numeric += push_rigid(call, island, t.touch_rigid[k], state.touch[k].point, call.dt * t.touch_force[k], tools);
 }
 
 namespace {
@@ -285,6 +343,21 @@ double of_step(const AdvanceCall& call, const Particles& particles, const Advanc
     return -0.125 * b.last_dt * b.last_dt * speed2;
 }
 
+// A free body, which no hand holds.
+bool is_unheld(const AdvanceIsland& island, uint32_t rigid) {
+    if (rigid == kNone || rigid == kAwayBody) return false;
+    const uint32_t free = island.rigid[rigid].free;
+    return free != kNone && !island.free[free].held;
+}
+
+// Touches whose points have been taken out store nothing: that went to work_numeric.
+void drop_touches(uint32_t thread, const Rod& rod, ThreadState& state) {
+    for (uint32_t k = 0; k < state.touch.size(); ++k)
+        if (state.touch[k].thread == thread && state.touch[k].stored != 0 &&
+            std::find(rod.touching.begin(), rod.touching.begin() + rod.count, k) == rod.touching.begin() + rod.count)
+            state.touch[k].stored = 0;
+}
+
 }  // namespace
 
 void finish_threads(const AdvanceCall& call, const Particles& particles, AdvanceIsland& island, AdvanceResult& result) {
@@ -295,7 +368,8 @@ void finish_threads(const AdvanceCall& call, const Particles& particles, Advance
         if (t.row[h] == kNone) continue;
         ThreadHold& hold = state.hold[h];
         hold.impulse += t.kick[h] * t.force[h];
-        const Vec3d& at = state.position[t.row[h]];
+        const AdvanceRigid* needle = is_grip(hold) ? &island.rigid[needle_slot(call, island, hold.thread)] : nullptr;
+        const Vec3d at = needle ? needle_place(*needle, hold, 0) : state.position[t.row[h]];
         const Vec3d place = thread_place_at_velocity(particles, island, hold, t.rigid[h]);
         if (!place.allFinite()) continue;  // of a body about to be restored
         const double energy = energy_of_hold(hold.stiffness, at - place),
@@ -304,8 +378,10 @@ void finish_threads(const AdvanceCall& call, const Particles& particles, Advance
         // what leapfrog gives a body its spring loses; an implicit step is given the force at its middle
         else if (hold.body != kNone && threaded_body(island, hold).synchronous())
             result.work_numeric += gained + t.force[h].dot(place - hold.before);
+        const double moved = needle ? energy_of_hold(hold.stiffness, needle_place(*needle, hold, 1) - place) - energy : 0;  // by the hand
+        result.work_hand += moved;
         hold.before = place;
-        hold.stored = energy + hold.stiffness * of_step(call, particles, island, hold, t.rigid[h], nullptr);
+        hold.stored = energy + moved + hold.stiffness * of_step(call, particles, island, hold, t.rigid[h], nullptr);
     }
     for (uint32_t k = 0; k < t.touch_row.size(); ++k) {
         if (t.touch_row[k] == kNone) continue;
@@ -313,13 +389,24 @@ void finish_threads(const AdvanceCall& call, const Particles& particles, Advance
         const Vec3d& at = state.position[t.touch_row[k]];
         const Vec3d place = thread_place_at_velocity(particles, island, touch, t.touch_rigid[k]);
         if (!place.allFinite()) continue;
-        const double energy = energy_of_touch(touch, at, place), rubbed = t.touch_friction[k].dot(place - touch.before);
-        // a scripted body gives and takes what friction takes and gives on its side
-        if (t.touch_rigid[k] != kNone) result.work_hand += energy - energy_of_touch(touch, at, touch.before);
-        if (t.touch_rigid[k] == kNone) result.work_contact += rubbed;
+        const double energy = energy_of_touch(touch, at, place), gained = energy - energy_of_touch(touch, at, touch.before);
+        const double rubbed = t.touch_friction[k].dot(place - touch.before);
+        const double step = energy > 0 ? kContactStiffness * of_step(call, particles, island, touch, t.touch_rigid[k], &touch.normal) : 0;
+        const bool free = is_unheld(island, t.touch_rigid[k]);
+        // scripts and hands give and take what friction takes and gives on their side
+        if (t.touch_rigid[k] == kNone || free) result.work_contact += rubbed;
+        if (free) {
+            result.work_numeric += gained - rubbed;
+        } else if (t.touch_rigid[k] != kNone) {
+            result.work_hand += gained;
+        } else {  // what the body's nodes get and the spring does not lose: contact that begins or ends within a substep, and implicit
+                  // steps
+            const Vec3d start = at - call.dt * state.velocity[t.touch_row[k]];
+            const double step_before = touch.stored - energy_of_touch(touch, start, touch.before);
+            result.work_numeric += gained + step - step_before + (t.touch_force[k] - t.touch_friction[k]).dot(place - touch.before);
+        }
         touch.before = place;
-        touch.stored = energy;
-        if (energy > 0) touch.stored += kContactStiffness * of_step(call, particles, island, touch, t.touch_rigid[k], &touch.normal);
+        touch.stored = energy + step;
     }
     for (const uint32_t index : t.thread) {
         const Thread& thread = call.inputs.other.threads->thread[index];
@@ -328,6 +415,7 @@ void finish_threads(const AdvanceCall& call, const Particles& particles, Advance
         state.progress[index].slipped_off += refine_rod(thread, rod, state.hold);
         for (ThreadHold& hold : state.hold)
             if (hold.thread == index && hold.left) hold.stored = 0;  // its energy goes with the points' to work_numeric
+        drop_touches(index, rod, state);
         if (call.params.account_energy) result.work_numeric += energy_of_thread(call, thread, rod) - before;
     }
 }

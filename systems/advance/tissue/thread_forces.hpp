@@ -17,8 +17,8 @@ void step_threads(const AdvanceCall& call, const Particles& particles, AdvanceIs
 void add_thread_forces(const OtherForces& other, const AdvanceIsland& island, uint32_t body, float* const axis[3]);
 // Work of these forces over a body's displacement in the substep, J.
 double work_of_threads(const OtherForces& other, const AdvanceIsland& island, const AdvanceBody& b);
-// Applies the impulses of threads to hands, after their own kick.
-void pull_threaded_rigids(const AdvanceCall& call, AdvanceIsland& island, std::span<ToolState> tools);
+// Applies the impulses of threads and of tissue that holds a needle to hands and free bodies, after their own kick.
+void pull_threaded_rigids(const AdvanceCall& call, AdvanceIsland& island, std::span<ToolState> tools, AdvanceResult& result);
 // Records energies and impulses of the springs at the end of a substep, and the work of hands and scripts on them.
 void finish_threads(const AdvanceCall& call, const Particles& particles, AdvanceIsland& island, AdvanceResult& result);
 
