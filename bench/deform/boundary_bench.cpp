@@ -4,8 +4,8 @@
 #include "bench/deform/deform.hpp"
 #include "content/scene/make_solid.hpp"
 #include "tests/reference/embedded_statics.hpp"
-#include "tests/systems/advance/tissue/heavy_column.hpp"
 #include "tests/systems/advance/advance_scene.hpp"
+#include "tests/systems/advance/tissue/heavy_column.hpp"
 namespace trocar::bench {
 namespace {
 
@@ -58,7 +58,8 @@ void case_rows(Report& report, const ElasticCase& what, double nu, Boundary boun
     }
 }
 
-// Curved bodies, contacts, a corner. The flat punch and Cook's membrane have stresses without bound: no mesh of even cells is of second order there.
+// Curved bodies, contacts, a corner. The flat punch and Cook's membrane have stresses without bound: no mesh of even cells is of second
+// order there.
 void closed_form_rows(Report& report, double nu) {
     struct Case {
         ElasticCase what;
@@ -82,7 +83,8 @@ void column_rows(Report& report) {
             if (report.quick() && cells > 12) continue;
             const double off = column.measured_weight(cells, TissueLaw::kNeoHookean) / exact - 1;
             char text[160];
-            std::snprintf(text, sizeof text, "column under its own weight buckles (Greenhill), width %g of its length, nu 0.30, %g cells", share, cells);
+            std::snprintf(text, sizeof text, "column under its own weight buckles (Greenhill), width %g of its length, nu 0.30, %g cells",
+                          share, cells);
             Row row{text, 100 * off, "%"};
             std::snprintf(text, sizeof text, "of %.4g N/m, %.1f cells wide", exact, share * cells);
             row.note = text;

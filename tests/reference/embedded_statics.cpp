@@ -114,13 +114,15 @@ HalfSpaceField half_space(const std::vector<Punch>& punches, double nu, const Ve
     for (const Punch& p : punches) {
         const double depth = std::max(-at.z(), 1e-9 * p.radius);  // off the edge, where stresses are infinite
         const Complex zeta(depth, p.radius), root = std::sqrt(x * x + y * y + zeta * zeta), both = root + zeta, q = 1.0 / (root * both),
-                      slope = -q * q * (2.0 + zeta / root), cube = root * root * root;
+                                             slope = -q * q * (2.0 + zeta / root), cube = root * root * root;
         const auto part = [&](const Complex& c) { return p.strength * c.imag(); };
-        const double fx = part(-x / both), fy = part(-y / both), fz = part(std::log(both)), fzz = part(1.0 / root), fzzz = part(-zeta / cube);
+        const double fx = part(-x / both), fy = part(-y / both), fz = part(std::log(both)), fzz = part(1.0 / root),
+                     fzzz = part(-zeta / cube);
         const double fxx = part(-1.0 / both + x * x * q / both), fyy = part(-1.0 / both + y * y * q / both), fxy = part(x * y * q / both);
         const double fxz = part(x * q), fyz = part(y * q), fxxz = part(q + x * x * slope), fyyz = part(q + y * y * slope);
         const double fxyz = part(x * y * slope), fxzz = part(-x / cube), fyzz = part(-y / cube);
-        sum.displacement += Vec3d(depth * fxz + (1 - 2 * nu) * fx, depth * fyz + (1 - 2 * nu) * fy, -depth * fzz + 2 * (1 - nu) * fz) / (2 * mu);
+        sum.displacement +=
+            Vec3d(depth * fxz + (1 - 2 * nu) * fx, depth * fyz + (1 - 2 * nu) * fy, -depth * fzz + 2 * (1 - nu) * fz) / (2 * mu);
         Matrix3d s;
         s(0, 0) = depth * fxxz + fxx + 2 * nu * fyy, s(1, 1) = depth * fyyz + fyy + 2 * nu * fxx, s(2, 2) = depth * fzzz - fzz;
         s(0, 1) = s(1, 0) = depth * fxyz + (1 - 2 * nu) * fxy;
@@ -326,20 +328,22 @@ ElasticCase blown_sphere(double inner, double outer, double nu, int edges) {
             shape.triangle.push_back({first + t[0], first + t[1], first + t[2]});
         }
     }
-    return {"thick-walled sphere under inner pressure (Lame)", shape,
+    return {"thick-walled sphere under inner pressure (Lame)",
+            shape,
             [=](const Vec3d& x) -> Vec3d { return (even + around / std::pow(x.norm(), 3)) * x; },
             [=](const Vec3d& x) -> Matrix3d {
                 const double cube = b3 / std::pow(x.norm(), 3);
                 const Vec3d out = x.normalized();
                 return mean * ((1 + cube / 2) * Matrix3d::Identity() - 1.5 * cube * out * out.transpose());
             },
-            Vec3d::Zero(), pressure * 4 * std::numbers::pi * inner * inner * (even * inner + around / (inner * inner))};
+            Vec3d::Zero(),
+            pressure * 4 * std::numbers::pi* inner* inner*(even * inner + around / (inner * inner))};
 }
 
 namespace {
 
-ElasticCase pressed_half_space(const std::string& name, const std::vector<Punch>& punches, double contact, double extent, double nu, int edges,
-                               double force, int power) {
+ElasticCase pressed_half_space(const std::string& name, const std::vector<Punch>& punches, double contact, double extent, double nu,
+                               int edges, double force, int power) {
     const int around = 4 * edges;
     return {name,
             pressed_cylinder(contact, extent, edges, around),
@@ -354,8 +358,8 @@ ElasticCase pressed_half_space(const std::string& name, const std::vector<Punch>
 
 ElasticCase punched_half_space(double contact, double extent, double nu, int edges) {
     const double force = 1e-3;  // N
-    return pressed_half_space("half-space under a flat punch", {{contact, -force / (2 * std::numbers::pi * contact)}}, contact, extent, nu, edges,
-                              force, 1);
+    return pressed_half_space("half-space under a flat punch", {{contact, -force / (2 * std::numbers::pi * contact)}}, contact, extent, nu,
+                              edges, force, 1);
 }
 
 ElasticCase half_space_under_ball(double contact, double extent, double nu, int edges) {
@@ -399,7 +403,8 @@ ElasticCase cooks_membrane(double nu, int edges) {
         const bool side = std::abs(std::abs(x.x()) - thick / 2) < 1e-9, edge = std::abs(std::abs(x.y() - rise - low / 2) - low / 2) < 1e-9;
         return Vec3d(0, shear * area / (edges * edges) * (side ? 0.5 : 1) * (edge ? 0.5 : 1), 0);
     };
-    return {"Cook's membrane", shape, {}, [](const Vec3d&) -> Matrix3d { return Matrix3d::Zero(); }, Vec3d::Zero(), shear * area * tip, push, 1e-9};
+    return {"Cook's membrane", shape, {},  [](const Vec3d&) -> Matrix3d { return Matrix3d::Zero(); }, Vec3d::Zero(),
+            shear* area* tip,  push,  1e-9};
 }
 
 StaticsOutcome load_surface(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t prototype, TissueLaw law,

@@ -78,9 +78,8 @@ HexMatrix stiffness(const HexGrid& grid, const std::array<int, 3>& element, doub
         }
         for (int i = 0; i < 27; ++i)
             for (int j = 0; j < 27; ++j)
-                sum.block<3, 3>(3 * i, 3 * j) +=
-                    weight * (lambda * g[i] * g[j].transpose() + mu * g[j] * g[i].transpose() +
-                              mu * g[i].dot(g[j]) * Eigen::Matrix3d::Identity());
+                sum.block<3, 3>(3 * i, 3 * j) += weight * (lambda * g[i] * g[j].transpose() + mu * g[j] * g[i].transpose() +
+                                                           mu * g[i].dot(g[j]) * Eigen::Matrix3d::Identity());
     }
     return sum;
 }

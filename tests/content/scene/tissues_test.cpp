@@ -120,16 +120,16 @@ TEST(Tissues, PresetsHaveThePublishedStiffness) {
         const char* name;
         double mean, low, high;  // Pa; 0 = chosen
     };
-    const Published published[] = {{"liver", 4.1e3, 2.3e3, 5.9e3},         // Fung et al. 2013: mean and range
-                                   {"kidney", 16.3e3, 0, 0},               // BMC Nephrology 2017, cortex
-                                   {"spleen", 2.9e3, 1.1e3, 4.7e3},        // Arda et al. 2011, mean and its spread
-                                   {"gallbladder", 255e3, 0, 0},           // Phys Med Biol 2019, table 1: three times G
-                                   {"bowel", 243.5e3, 180e3, 307e3},       // Terry et al. 2014: around, along
-                                   {"fat", 3 * 752, 0, 0},                 // J Mech Behav Biomed Mater 2023
-                                   {"muscle", 3 * 1000, 0, 0},             // the same
-                                   {"vessel", 842e3, 701e3, 983e3},        // Riley et al. 1992: means of two groups
-                                   {"peritoneum", 0, 0, 0},                // chosen
-                                   {"polypropylene_mesh", 0, 0, 0}};       // Pott et al. 2012: 0.3 to 4.6 N/mm, below
+    const Published published[] = {{"liver", 4.1e3, 2.3e3, 5.9e3},    // Fung et al. 2013: mean and range
+                                   {"kidney", 16.3e3, 0, 0},          // BMC Nephrology 2017, cortex
+                                   {"spleen", 2.9e3, 1.1e3, 4.7e3},   // Arda et al. 2011, mean and its spread
+                                   {"gallbladder", 255e3, 0, 0},      // Phys Med Biol 2019, table 1: three times G
+                                   {"bowel", 243.5e3, 180e3, 307e3},  // Terry et al. 2014: around, along
+                                   {"fat", 3 * 752, 0, 0},            // J Mech Behav Biomed Mater 2023
+                                   {"muscle", 3 * 1000, 0, 0},        // the same
+                                   {"vessel", 842e3, 701e3, 983e3},   // Riley et al. 1992: means of two groups
+                                   {"peritoneum", 0, 0, 0},           // chosen
+                                   {"polypropylene_mesh", 0, 0, 0}};  // Pott et al. 2012: 0.3 to 4.6 N/mm, below
     ASSERT_EQ(std::size(published), tissue_presets().size());
     for (const Published& p : published) {
         const TissuePreset* preset = find_tissue(p.name);

@@ -41,7 +41,8 @@ TEST(ClosedForms, AreExactSolutions) {
     }
     // the depth of the punch, and of the ball
     const double force = 1e-3, mu = kCaseModulus / (2 * (1 + nu));
-    EXPECT_NEAR(reference::punched_half_space(0.02, 0.05, nu, 4).displacement(Vec3d(0.01, 0, 0)).z(), -force * (1 - nu) / (4 * mu * 0.02), 1e-12);
+    EXPECT_NEAR(reference::punched_half_space(0.02, 0.05, nu, 4).displacement(Vec3d(0.01, 0, 0)).z(), -force * (1 - nu) / (4 * mu * 0.02),
+                1e-12);
     const ElasticCase ball = reference::half_space_under_ball(0.02, 0.05, nu, 4);
     for (const double r : {0.001, 0.005, 0.015})
         EXPECT_NEAR(ball.displacement(Vec3d(r, 0, -2e-9)).z() / ball.displacement(Vec3d(r, 0, 0)).z(), 1, 3e-3) << r;
@@ -58,8 +59,7 @@ TEST(ClosedForms, AreExactSolutions) {
 TEST(ClosedForms, TheReferenceOfCooksMembraneConverges) {
     const auto cook = [](int along, int across, double thick, double nu) {
         std::array<Vec3d, 8> corner;
-        for (int i = 0; i < 8; ++i)
-            corner[i] = Vec3d((i & 1) * thick, i >= 4 ? 44 + (i & 2 ? 16 : 0) : (i & 2 ? 44 : 0), i >= 4 ? 48 : 0);
+        for (int i = 0; i < 8; ++i) corner[i] = Vec3d((i & 1) * thick, i >= 4 ? 44 + (i & 2 ? 16 : 0) : (i & 2 ? 44 : 0), i >= 4 ? 48 : 0);
         return reference::push_hexahedron(corner, {across, along, along}, 1, nu, Vec3d(0, 1.0 / 16, 0));
     };
     const double thin = cook(8, 1, 0.5, 1.0 / 3);
@@ -75,8 +75,8 @@ double compliance(const ElasticCase& what, double cells, double nu) {
     return reference::load_surface(s.meshes, s.springs, s.solids, made.row, TissueLaw::kNeoHookean, nu, what).compliance;
 }
 
-// Energy at 6 and 12 cells along the longest side; all too stiff. The edge of a flat punch and the corner of a held face have stresses without bound, where
-// even cells converge in first order.
+// Energy at 6 and 12 cells along the longest side; all too stiff. The edge of a flat punch and the corner of a held face have stresses
+// without bound, where even cells converge in first order.
 TEST(ClosedForms, SolidsConvergeToThem) {
     struct Bound {
         ElasticCase what;

@@ -19,10 +19,10 @@ struct HeavyColumn {
     // kappa G A (Cowper, "The shear coefficient in Timoshenko's beam theory", J Appl Mech 33, 1966).
     double shear() const { return 10 * (1 + nu) / (12 + 11 * nu) * reference::kCaseModulus / (2 * (1 + nu)) * area(); }
 
-    // Weight per length (N/m) at which it buckles: the least q with M' = -s N psi / (1 - N / (kappa G A)), psi' = M / (m E I), N = q (L - x),
-    // psi(0) = M(L) = 0, along x at rest. Slender, it is Greenhill's 7.8373 E I / L^3 (Proc Cambridge Phil Soc 4, 1881); shear takes some
-    // of it (Engesser 1891; Timoshenko, Gere, "Theory of elastic stability", art. 2.17), and as the law's bar is pressed to s of its length, becomes
-    // thicker and changes its modulus, m = a^2 dP/ds / E with the stretch a across, it gains some.
+    // Weight per length (N/m) at which it buckles: the least q with M' = -s N psi / (1 - N / (kappa G A)), psi' = M / (m E I), N = q (L -
+    // x), psi(0) = M(L) = 0, along x at rest. Slender, it is Greenhill's 7.8373 E I / L^3 (Proc Cambridge Phil Soc 4, 1881); shear takes
+    // some of it (Engesser 1891; Timoshenko, Gere, "Theory of elastic stability", art. 2.17), and as the law's bar is pressed to s of its
+    // length, becomes thicker and changes its modulus, m = a^2 dP/ds / E with the stretch a across, it gains some.
     double critical_weight(bool slender = false) const {
         const NeoHookeanLaw law(reference::kCaseModulus, nu);
         const auto pull = [&](double s) {
@@ -53,7 +53,8 @@ struct HeavyColumn {
         return low;
     }
 
-    // How far its top comes to lie to the side (m) under `gravity` (m/s^2) along -z and two thousandths of it along x, through the engine's steps.
+    // How far its top comes to lie to the side (m) under `gravity` (m/s^2) along -z and two thousandths of it along x, through the engine's
+    // steps.
     double lean(double cells, TissueLaw law, double gravity) const {
         AdvanceScene s;
         const Mesh shape = reference::pulled_bar(Vec3d(width, width, kLength), nu, 0, static_cast<int>(2 * cells)).shape;
