@@ -13,8 +13,8 @@ namespace trocar {
 // With a metric, instead the stable neo-Hookean energy (Smith, de Goes, Kim, "Stable neo-Hookean flesh simulation", ACM TOG 37(2),
 // 2018, equation 14), without its value at rest:
 //   V (shear / 2 (I - 3 - log((I + 1) / 4)) + bulk / 2 (J - 1)^2 - 3/4 shear (J - 1)),
-// I = the squared deformation gradient = metric : products of the present edges. It is finite everywhere, and its force vanishes
-// only at rest up to rotation.
+// I = the squared deformation gradient = metric : products of the present edges; inside out, J < 0, the pressure of bulk is that of J = 0.
+// It is finite everywhere, and its force vanishes only at rest up to rotation.
 struct TetStep {
     const float* offset;                                    // 4 per node, m
     const unsigned *corner0, *corner1, *corner2, *corner3;  // nodes, one per tetrahedron, padded to 16

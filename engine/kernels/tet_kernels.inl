@@ -84,7 +84,7 @@ void press_neo_hookean(const TetStep* body, unsigned first, unsigned last, float
         const V across = multiply_add(mab, product(a, b), multiply_add(mac, product(a, c), mbc * product(b, c)));
         const V squared = multiply_add(set(2.0f), across, straight);
         V pull = (shear - shear / (squared + one)) * (load(body->rest + t) * set(-1.0f / 6));
-        V push = multiply_subtract(set(body->bulk), swelling, set(0.75f) * shear) * set(-1.0f / 6);
+        V push = multiply_subtract(set(body->bulk), larger(swelling, set(-1.0f)), set(0.75f) * shear) * set(-1.0f / 6);
         if (body->factor) {
             const V factor = load(body->factor + t);
             pull = pull * factor, push = push * factor;

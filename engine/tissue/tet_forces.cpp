@@ -129,9 +129,10 @@ double neo_hookean_energy(const SolidModuli& m, const TetStep& step, uint32_t t,
     const float* metric = step.metric + 96ul * (t / kSliceWidth) + t % kSliceWidth;
     const double squared = metric[0] * product(a, a) + metric[16] * product(b, b) + metric[32] * product(c, c) +
                            2 * (metric[48] * product(a, b) + metric[64] * product(a, c) + metric[80] * product(b, c));
-    const double rest = step.rest[t], swelling = volume / rest - 1;
+    const double rest = step.rest[t], swelling = volume / rest - 1, held = std::max(swelling, -1.0);
     return rest / 6 *
-           (0.5 * m.shear * (squared - 3 - std::log((squared + 1) / 4)) + 0.5 * m.bulk * swelling * swelling - 0.75 * m.shear * swelling);
+           (0.5 * m.shear * (squared - 3 - std::log((squared + 1) / 4)) + m.bulk * held * (swelling - 0.5 * held) -
+            0.75 * m.shear * swelling);
 }
 
 }  // namespace

@@ -101,7 +101,8 @@ void broad_phase_pairs(World& w, FrameState& f) {
     w.report.deferred_pairs += defer_pairs(surfaces_of(w), w.clock.tick, w.pairs);
 }
 void sleep(World& w, FrameState& f) {
-    fall_asleep_and_wake({w.settings, pass_seconds(w), w.clock.period, w.bodies, w.paths, w.nodes.drive, w.joined_bodies, w.spawning},
+    fall_asleep_and_wake({w.settings, pass_seconds(w), w.clock.period, w.bodies, w.paths, w.nodes.drive, w.joined_bodies, w.spawning, w.springs,
+                          w.relaxation},
                          f.scratch.sleep, w.sleep, w.particles, w.poses, w.pairs, w.energy, w.report);
     number_sleeps(f);
 }
@@ -393,7 +394,7 @@ constexpr FrameStage kStages[] = {
         mask(R::kBoxPairs)}, any_pair},
     {S::kCandidatePairs,  P::kDetection,{"candidate pairs", run<stages::broad_phase_pairs>,   kShapes | mask(R::kSettings, R::kClock, R::kBoxes, R::kBoxPairs),
         mask(R::kPairs, R::kDisplacementBounds, R::kReport)}, any_pair},
-    {S::kSleep,           P::kDetection,{"sleep",           run<stages::sleep>,             mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kJoinedBodies, R::kNodes, R::kSpawning),
+    {S::kSleep,           P::kDetection,{"sleep",           run<stages::sleep>,             mask(R::kSettings, R::kBodies, R::kPaths, R::kClock, R::kJoinedBodies, R::kNodes, R::kSpawning, R::kSprings, R::kRelaxation),
         mask(R::kSleep, R::kParticles, R::kPoses, R::kPairs, R::kEnergy, R::kReport)}, anyone_sleeps},
     {S::kRefitTrees,      P::kDetection,{"refit trees",     run<stages::refit>,             kShapes | mask(R::kPairs),
         mask(R::kTrees)}, any_pair},

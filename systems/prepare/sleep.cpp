@@ -1,6 +1,7 @@
 #include "systems/prepare/sleep.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "engine/base/disjoint_sets.hpp"
 #include "engine/geometry/quaternion.hpp"
@@ -61,9 +62,12 @@ void note_slow_bodies(const SleepPass& pass, const Particles& particles, const P
     const auto note = [&](uint32_t body, bool slow) {
         sleep.still[body] = slow ? std::min(sleep.still[body] + pass.period, uint32_t{1} << 30) : 0;
     };
+    const auto is_relaxed = [&](uint32_t body) {
+        const RelaxingBody* relaxing = find_relaxing(pass.relaxation, body);
+        return !relaxing || strain_to_relax(pass.relaxation, *relaxing, pass.springs, bodies.mesh[body]) <= kRelaxedStrain;
+    };
     for (uint32_t b = 0; b < bodies.motion.size(); ++b)
-        if (is_deformable(bodies, b) && !is_asleep(sleep, b))
-            note(b, prony_of(bodies, b).branches() == 0 && is_slow(particles, bodies.particles[b], speed));
+        if (is_deformable(bodies, b) && !is_asleep(sleep, b)) note(b, is_slow(particles, bodies.particles[b], speed) && is_relaxed(b));
     for (const RigidMass& free : bodies.rigid_mass) {
         const uint32_t b = static_cast<uint32_t>(free.body);
         const double twice = twice_kinetic_energy(free, poses);
@@ -111,6 +115,21 @@ void find_groups(const SleepPass& pass, const Sleep& sleep, const BroadPhasePair
 }
 
 }  // namespace
+
+double strain_to_relax(const Relaxation& relaxation, const RelaxingBody& body, const Springs& springs, uint32_t prototype) {
+    const size_t first = size_t{kSliceWidth} * springs.slice_column[springs.info[prototype].slices.first + prototype];
+    double sum = 0;
+    uint32_t ends = 0;
+    for (uint32_t at = 0; at < body.count; ++at) {
+        const float rest = springs.rest_length[first + at];
+        if (!(rest > 0)) continue;  // padding
+        double tension = 0;
+        for (uint32_t b = 0; b < body.branches; ++b)
+            tension += double{relaxation.overstretch[body.first_branch + size_t{b} * body.count + at]};
+        sum += tension * tension / (double{rest} * rest), ++ends;
+    }
+    return ends > 0 ? std::sqrt(sum / ends) : 0;
+}
 
 void fall_asleep_and_wake(const SleepPass& pass, SleepScratch& s, Sleep& sleep, Particles& particles, Poses& poses, BroadPhasePairs& pairs,
                           Energy& energy, Report& report) {

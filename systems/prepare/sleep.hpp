@@ -8,9 +8,11 @@
 #include "components/nodes.hpp"
 #include "components/particles.hpp"
 #include "components/paths.hpp"
+#include "components/relaxation.hpp"
 #include "components/report.hpp"
 #include "components/scene.hpp"
 #include "components/spawning.hpp"
+#include "components/springs.hpp"
 #include "engine/contact/sleeping_bodies.hpp"
 namespace trocar {
 
@@ -30,12 +32,21 @@ struct SleepPass {
     std::span<const NodeDrive> drives;
     std::span<const std::array<uint32_t, 2>> joined;  // pairs of bodies in one group wherever their boxes are
     const SpawnState& spawning;                       // empty slots are counted neither as awake nor as asleep
+    const Springs& springs;
+    const Relaxation& relaxation;
 };
+
+// What the Maxwell elements of a body have yet to lose: the strain of the springs of its long-term law that has their tension, root mean
+// square over the springs. At rest it creeps by no more than about this strain, and its stresses fall by no more than its modulus times it.
+double strain_to_relax(const Relaxation& relaxation, const RelaxingBody& body, const Springs& springs, uint32_t prototype);
+// Strain that a body which relaxes may have yet to lose when it falls asleep (strain_to_relax): a tenth of a per mille of its extent, and
+// of Young's modulus. Chosen: of 10 % strain with a branch as stiff as the body it takes seven relaxation times.
+inline constexpr double kRelaxedStrain = 1e-4;
 
 // Decides before contact detection which bodies sleep in this pass. Bodies whose enlarged boxes meet,
 // directly or through others, form a group; static bodies, and scripted ones at the end of their path, join
 // none. A group sleeps if all its bodies are deformable or free and have been slower than
-// settings.sleep_speed (root mean square over the mass; no particle ten times as fast) for
+// settings.sleep_speed (root mean square over the mass; no particle ten times as fast) and, where they relax, below kRelaxedStrain for
 // settings.sleep_after. A body whose box comes to meet one of theirs wakes the whole group, one pass before
 // it can touch.
 // A body that falls asleep loses its velocities; their energy goes to work_numeric. Pairs without a moving

@@ -3,6 +3,7 @@
 
 #include <cstdio>
 
+#include "systems/prepare/sleep.hpp"
 #include "tests/frame/written_scene.hpp"
 namespace trocar {
 namespace {
@@ -63,6 +64,8 @@ TEST(TissueLawScenes, KeysAreReadAndChecked) {
         EXPECT_NE(error(lines, "", {{"ball.model", "shell"}, {"ball.skin", "false"}}).find("are for deformable bodies with model"),
                   std::string::npos);
         EXPECT_NE(error(lines, "", {{"ball.break_strain", "0.5"}}).find("does not break"), std::string::npos);
+        EXPECT_NE(error(lines, "[[cut]]\nbody = \"ball\"\nsphere = [0, 0, 0.03, 0.01]\n", {{"ball.skin", "false"}}).find("does not break"),
+                  std::string::npos);
         EXPECT_NE(error(lines, "", {{"ball.integrator", "implicit"}}).find("is for shells and sheets"), std::string::npos);
         const std::string tool =
             "[[body]]\nname = \"hook\"\nshape = \"probe\"\nmotion = \"hand\"\nmass = 0.05\n[[tool]]\nbody = \"hook\"\npath = [{time = 0, "
@@ -97,6 +100,29 @@ TEST(TissueLawScenes, FaultyWorldsAreNamed) {
 TEST(TissueLawScenes, SameBitsForAnyThreadsAndClearedScratch) {
     const WrittenScene scene("law_bits", kSoftBall + "law = \"neo_hookean\"\nprony = [[0.4, 0.05], [0.3, 0.6]]\n" + kPressingRod);
     expect_same_bits(scene, 20, [](Frame&) {});
+}
+
+// What relaxes falls asleep once hardly anything is left to relax: its shape is that of one that never sleeps.
+TEST(TissueLawScenes, WhatHasRelaxedFallsAsleep) {
+    const WrittenScene scene("law_sleep", kSoftBall + "prony = [[0.8, 0.2]]\n" + kPressingRod);
+    std::vector<Float4> slept, awake;
+    double asleep_at = 0, left = 0;
+    run(std::move(scene.build().world), 270, [&](const Frame& f, int) {
+        const World& w = f.world();
+        slept = w.particles.offset;
+        if (!is_asleep(w.sleep, 0) || asleep_at > 0) return;
+        asleep_at = 1e-3 * static_cast<double>(w.clock.tick);
+        left = strain_to_relax(w.relaxation, w.relaxation.body[0], w.springs, w.bodies.mesh[0]);
+    });
+    run(std::move(scene.build({{"sleep_speed", "0"}}).world), 270, [&](const Frame& f, int) { awake = f.world().particles.offset; });
+    double worst = 0;
+    for (size_t i = 0; i < slept.size(); ++i)
+        worst = std::max(worst, (Vec3d(slept[i].x, slept[i].y, slept[i].z) - Vec3d(awake[i].x, awake[i].y, awake[i].z)).norm());
+    std::printf("asleep at %.2f s with a strain of %.2g to relax, then off by at most %.3g mm\n", asleep_at, left, 1e3 * worst);
+    EXPECT_GT(asleep_at, 1.5) << "later than a body that does not relax";
+    EXPECT_LT(asleep_at, 5);
+    EXPECT_LT(left, kRelaxedStrain);
+    EXPECT_LT(worst, kRelaxedStrain * 0.06) << "of its extent";
 }
 
 // A press: every law keeps its books, relaxing or not, and the tissue remembers nothing but its history.

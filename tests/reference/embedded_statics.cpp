@@ -3,11 +3,13 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <complex>
 #include <numbers>
 
 #include "engine/mesh/mesh_view.hpp"
 #include "engine/tissue/embedded_surface.hpp"
 #include "engine/tissue/tet_forces.hpp"
+#include "tests/reference/hexahedra.hpp"
 namespace trocar::reference {
 namespace {
 
@@ -95,6 +97,67 @@ ElasticCase turned(ElasticCase c, double angle) {
 }
 
 Matrix3d along_z(double stress) { return Vec3d(0, 0, stress).asDiagonal(); }
+
+// A half-space z < 0 pressed in a circle by superposed flat punches: Barber, "Elasticity", solution F with the potential strength *
+// Im(zeta log(R + zeta) - R), zeta = depth + i radius, R^2 = r^2 + zeta^2.
+struct Punch {
+    double radius, strength;  // m, N/m
+};
+struct HalfSpaceField {
+    Vec3d displacement = Vec3d::Zero();
+    Matrix3d stress = Matrix3d::Zero();
+};
+HalfSpaceField half_space(const std::vector<Punch>& punches, double nu, const Vec3d& at) {
+    using Complex = std::complex<double>;
+    const double mu = kCaseModulus / (2 * (1 + nu)), x = at.x(), y = at.y();
+    HalfSpaceField sum;
+    for (const Punch& p : punches) {
+        const double depth = std::max(-at.z(), 1e-9 * p.radius);  // off the edge, where stresses are infinite
+        const Complex zeta(depth, p.radius), root = std::sqrt(x * x + y * y + zeta * zeta), both = root + zeta, q = 1.0 / (root * both),
+                                             slope = -q * q * (2.0 + zeta / root), cube = root * root * root;
+        const auto part = [&](const Complex& c) { return p.strength * c.imag(); };
+        const double fx = part(-x / both), fy = part(-y / both), fz = part(std::log(both)), fzz = part(1.0 / root),
+                     fzzz = part(-zeta / cube);
+        const double fxx = part(-1.0 / both + x * x * q / both), fyy = part(-1.0 / both + y * y * q / both), fxy = part(x * y * q / both);
+        const double fxz = part(x * q), fyz = part(y * q), fxxz = part(q + x * x * slope), fyyz = part(q + y * y * slope);
+        const double fxyz = part(x * y * slope), fxzz = part(-x / cube), fyzz = part(-y / cube);
+        sum.displacement +=
+            Vec3d(depth * fxz + (1 - 2 * nu) * fx, depth * fyz + (1 - 2 * nu) * fy, -depth * fzz + 2 * (1 - nu) * fz) / (2 * mu);
+        Matrix3d s;
+        s(0, 0) = depth * fxxz + fxx + 2 * nu * fyy, s(1, 1) = depth * fyyz + fyy + 2 * nu * fxx, s(2, 2) = depth * fzzz - fzz;
+        s(0, 1) = s(1, 0) = depth * fxyz + (1 - 2 * nu) * fxy;
+        s(0, 2) = s(2, 0) = -depth * fxzz, s(1, 2) = s(2, 1) = -depth * fyzz;
+        sum.stress += s;
+    }
+    return sum;
+}
+
+// A cylinder below z = 0 whose upper face has rings that are dense at the edge of a contact; ring i of `rings` inside it lies at contact *
+// sin(i / rings * pi / 2).
+Mesh pressed_cylinder(double contact, double extent, int rings, int around) {
+    Mesh mesh;
+    const auto at = [&](double r, double turns, double z) {
+        const double angle = 2 * std::numbers::pi * turns;
+        return Vec3d(r * std::cos(angle), r * std::sin(angle), z);
+    };
+    const auto ring = [&](double s) {  // 0 to 2
+        return s < 1 ? contact * std::sin(s * std::numbers::pi / 2) : contact * std::pow(extent / contact, s - 1);
+    };
+    add_patch(mesh, 2 * rings, around, [&](double s, double t) { return at(ring(2 * s), t, 0); });
+    add_patch(mesh, around, rings, [&](double s, double t) { return at(extent, s, (t - 1) * extent); });
+    add_patch(mesh, around, rings, [&](double s, double t) { return at(extent * t, s, -extent); });
+    weld(mesh, 1e-7 * extent);
+    return mesh;
+}
+
+// Force on a vertex of pressed_cylinder from a pressure whose share beyond the radius contact * sin(angle) is cos(angle)^power.
+Vec3d force_on_ring(const Vec3d& at, double contact, int rings, int around, double force, int power) {
+    const double share = std::hypot(at.x(), at.y()) / contact;
+    if (at.z() < -1e-9 || share > 1 + 1e-9) return Vec3d::Zero();
+    const double ring = std::round(std::asin(std::min(share, 1.0)) * 2 / std::numbers::pi * rings), step = std::numbers::pi / 2 / rings;
+    const auto beyond = [&](double r) { return std::pow(std::cos(std::clamp(r, 0.0, double(rings)) * step), power); };
+    return Vec3d(0, 0, -force * (beyond(ring - 0.5) - (ring < rings ? beyond(ring + 0.5) : 0)) / (ring > 0 ? around : 1));
+}
 
 // Stiffness at rest: springs and volumes, or an isotropic element.
 struct Stiffness {
@@ -249,6 +312,101 @@ ElasticCase twisted_cylinder(double radius, double length, double nu, double tur
                   turn);
 }
 
+ElasticCase blown_sphere(double inner, double outer, double nu, int edges) {
+    const double pressure = 1, a3 = std::pow(inner, 3), b3 = std::pow(outer, 3), mean = pressure * a3 / (b3 - a3);
+    const double even = mean * (1 - 2 * nu) / kCaseModulus, around = mean * b3 * (1 + nu) / (2 * kCaseModulus);
+    Mesh shape;
+    for (const double radius : {outer, inner}) {
+        Mesh ball = box_of_size(Vec3d::Ones(), edges);
+        const uint32_t first = static_cast<uint32_t>(shape.position.size());
+        for (const Vec3d& p : ball.position) {
+            const Vec3d even_angles = (p * std::numbers::pi / 2).unaryExpr([](double x) { return std::tan(x); });
+            shape.position.push_back(radius * even_angles.normalized());
+        }
+        for (Triangle t : ball.triangle) {
+            if (radius == inner) std::swap(t[1], t[2]);
+            shape.triangle.push_back({first + t[0], first + t[1], first + t[2]});
+        }
+    }
+    return {"thick-walled sphere under inner pressure (Lame)",
+            shape,
+            [=](const Vec3d& x) -> Vec3d { return (even + around / std::pow(x.norm(), 3)) * x; },
+            [=](const Vec3d& x) -> Matrix3d {
+                const double cube = b3 / std::pow(x.norm(), 3);
+                const Vec3d out = x.normalized();
+                return mean * ((1 + cube / 2) * Matrix3d::Identity() - 1.5 * cube * out * out.transpose());
+            },
+            Vec3d::Zero(),
+            pressure * 4 * std::numbers::pi* inner* inner*(even * inner + around / (inner * inner))};
+}
+
+namespace {
+
+ElasticCase pressed_half_space(const std::string& name, const std::vector<Punch>& punches, double contact, double extent, double nu,
+                               int edges, double force, int power) {
+    const int around = 4 * edges;
+    return {name,
+            pressed_cylinder(contact, extent, edges, around),
+            [=](const Vec3d& x) { return half_space(punches, nu, x).displacement; },
+            [=](const Vec3d& x) -> Matrix3d { return x.z() > -1e-9 ? Matrix3d::Zero() : half_space(punches, nu, x).stress; },
+            Vec3d::Zero(),
+            0,
+            [=](const Vec3d& x) { return force_on_ring(x, contact, edges, around, force, power); }};
+}
+
+}  // namespace
+
+ElasticCase punched_half_space(double contact, double extent, double nu, int edges) {
+    const double force = 1e-3;  // N
+    return pressed_half_space("half-space under a flat punch", {{contact, -force / (2 * std::numbers::pi * contact)}}, contact, extent, nu,
+                              edges, force, 1);
+}
+
+ElasticCase half_space_under_ball(double contact, double extent, double nu, int edges) {
+    const double most = 1, force = 2 * std::numbers::pi / 3 * contact * contact * most;  // Pa, N
+    constexpr int kPunches = 64;
+    std::vector<Punch> punches;
+    for (int i = 0; i < kPunches; ++i) {  // force in proportion to the square of the radius
+        const double radius = contact * (i + 0.5) / kPunches, part = 3 * (i + 0.5) * (i + 0.5) / (std::pow(kPunches, 3) - 0.25 * kPunches);
+        punches.push_back({radius, -force * part / (2 * std::numbers::pi * radius)});
+    }
+    ElasticCase ball = pressed_half_space("half-space under a ball (Hertz)", punches, contact, extent, nu, edges, force, 3);
+    const double depth = (1 - nu * nu) / kCaseModulus * std::numbers::pi * most / (4 * contact);
+    ball.displacement = [=, beside = ball.displacement](const Vec3d& x) {
+        const double r2 = x.x() * x.x() + x.y() * x.y();
+        if (x.z() < -1e-9 || r2 > contact * contact) return beside(x);
+        const double inward = r2 > 0 ? most * (1 - 2 * nu) * (1 + nu) / (3 * kCaseModulus) * contact * contact / r2 *
+                                           (1 - std::pow(1 - r2 / (contact * contact), 1.5))
+                                     : 0;
+        return Vec3d(-inward * x.x(), -inward * x.y(), -depth * (2 * contact * contact - r2));
+    };
+    return ball;
+}
+
+ElasticCase cooks_membrane(double nu, int edges) {
+    const double length = 0.048, high = 0.044, low = 0.016, rise = 0.044, thick = 0.016, shear = 1;  // m, Pa
+    std::array<Vec3d, 8> corner;
+    for (int i = 0; i < 8; ++i) {
+        const bool end = i >= 4, top = (i & 2) != 0;
+        corner[i] = Vec3d((i & 1 ? 0.5 : -0.5) * thick, end ? rise + (top ? low : 0) : (top ? high : 0), end ? length : 0);
+    }
+    Mesh shape = box_of_size(Vec3d::Ones(), edges);
+    for (Vec3d& p : shape.position) {
+        const Vec3d at = p + Vec3d::Constant(0.5);
+        p.setZero();
+        for (int i = 0; i < 8; ++i)
+            p += (i & 1 ? at.x() : 1 - at.x()) * (i & 2 ? at.y() : 1 - at.y()) * (i & 4 ? at.z() : 1 - at.z()) * corner[i];
+    }
+    const double area = thick * low, tip = push_hexahedron(corner, {3, 9, 9}, kCaseModulus, nu, Vec3d(0, shear, 0));
+    const auto push = [=](const Vec3d& x) -> Vec3d {
+        if (x.z() < length - 1e-9) return Vec3d::Zero();
+        const bool side = std::abs(std::abs(x.x()) - thick / 2) < 1e-9, edge = std::abs(std::abs(x.y() - rise - low / 2) - low / 2) < 1e-9;
+        return Vec3d(0, shear * area / (edges * edges) * (side ? 0.5 : 1) * (edge ? 0.5 : 1), 0);
+    };
+    return {"Cook's membrane", shape, {},  [](const Vec3d&) -> Matrix3d { return Matrix3d::Zero(); }, Vec3d::Zero(),
+            shear* area* tip,  push,  1e-9};
+}
+
 StaticsOutcome load_surface(const Meshes& meshes, const Springs& springs, const Solids& solids, uint32_t prototype, TissueLaw law,
                             double nu, const ElasticCase& what) {
     const MeshView surface = mesh_view(meshes, prototype);
@@ -267,29 +425,43 @@ StaticsOutcome load_surface(const Meshes& meshes, const Springs& springs, const 
     StaticsOutcome out;
     std::vector<Vec3d> load(rest.size(), Vec3d::Zero());
     double work = 0;
+    const auto add_load = [&](uint32_t v, const Vec3d& force) {
+        for (const auto& [node, weight] : bind(v)) load[node] += weight * force;
+    };
     for (const Triangle& t : surface.triangle) {
         const std::array<Vec3d, 3> p{surface.position[t[0]], surface.position[t[1]], surface.position[t[2]]};
         const Vec3d area = (p[1] - p[0]).cross(p[2] - p[0]) / 2;
         for (int k = 0; k < 3; ++k) {  // exact for polynomials of degree 2
             const Vec3d middle = (p[k] + p[(k + 1) % 3]) / 2, force = what.stress(middle) * area / 3;
-            work += force.dot(what.displacement(middle));
-            for (const int corner : {k, (k + 1) % 3})
-                for (const auto& [node, weight] : bind(t[corner])) load[node] += weight * force / 2;
+            if (what.displacement) work += force.dot(what.displacement(middle));
+            for (const int corner : {k, (k + 1) % 3}) add_load(t[corner], force / 2);
         }
+    }
+    for (uint32_t v = 0; what.push && v < surface.position.size(); ++v) {
+        const Vec3d force = what.push(surface.position[v]);
+        add_load(v, force);
+        if (what.displacement && force != Vec3d::Zero()) work += force.dot(what.displacement(surface.position[v]));
     }
     for (uint32_t v = 0; v < rest.size(); ++v) {
         const double volume = solids.node_volume[info.nodes.first + v];
         out.volume += volume, out.centre += volume * rest[v];
-        load[v] += volume * what.weight, work += volume * what.weight.dot(what.displacement(rest[v]));
+        load[v] += volume * what.weight;
+        if (what.displacement) work += volume * what.weight.dot(what.displacement(rest[v]));
     }
     out.centre /= out.volume;
-    out.loads = what.work / work;
+    const double right = what.work > 0 ? what.work : work;
+    out.loads = what.displacement ? right / work : 1;
     for (Vec3d& f : load) f *= out.loads;
-    take_rigid_away(rest, load);
     Tissue tissue;
     tissue.youngs_modulus = kCaseModulus, tissue.poisson = nu;
-    const std::vector<Vec3d> moved = solve(stiffness_of(springs, solids, prototype, rest, tissue, law), load, out.iterations);
-    out.compliance = product(load, moved) / what.work - 1;
+    Stiffness stiffness = stiffness_of(springs, solids, prototype, rest, tissue, law);
+    bool held = false;
+    for (uint32_t v = 0; v < rest.size(); ++v)
+        if (rest[v].z() <= what.held_below) stiffness.diagonal[v] = 0, load[v] = Vec3d::Zero(), held = true;
+    if (!held) take_rigid_away(rest, load);
+    const std::vector<Vec3d> moved = solve(stiffness, load, out.iterations);
+    out.compliance = product(load, moved) / right - 1;
+    if (!what.displacement) return out;
     std::vector<Vec3d> at, exact, found;
     for (uint32_t v = 0; v < surface.position.size(); ++v) {
         Vec3d u = Vec3d::Zero();

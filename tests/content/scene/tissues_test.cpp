@@ -10,6 +10,7 @@
 #include "content/scene/scene_file.hpp"
 #include "content/shapes/shape_library.hpp"
 #include "engine/base/error.hpp"
+#include "tests/systems/advance/tissue/law_block.hpp"
 namespace trocar {
 namespace {
 
@@ -110,6 +111,50 @@ TEST(Tissues, ErrorOfTheModulusOnGeneratedSurfaces) {
             EXPECT_LT(ratio, 1.15) << shape;
         }
     }
+}
+
+// Every preset as a solid, through the engine's steps, beside what its source measured: mean and range of Young's modulus. Without a
+// range the source gives none, or its figure is of another modulus. What has no source says that it is chosen.
+TEST(Tissues, PresetsHaveThePublishedStiffness) {
+    struct Published {
+        const char* name;
+        double mean, low, high;  // Pa; 0 = chosen
+    };
+    const Published published[] = {{"liver", 4.1e3, 2.3e3, 5.9e3},    // Fung et al. 2013: mean and range
+                                   {"kidney", 16.3e3, 0, 0},          // BMC Nephrology 2017, cortex
+                                   {"spleen", 2.9e3, 1.1e3, 4.7e3},   // Arda et al. 2011, mean and its spread
+                                   {"gallbladder", 255e3, 0, 0},      // Phys Med Biol 2019, table 1: three times G
+                                   {"bowel", 243.5e3, 180e3, 307e3},  // Terry et al. 2014: around, along
+                                   {"fat", 3 * 752, 0, 0},            // J Mech Behav Biomed Mater 2023
+                                   {"muscle", 3 * 1000, 0, 0},        // the same
+                                   {"vessel", 842e3, 701e3, 983e3},   // Riley et al. 1992: means of two groups
+                                   {"peritoneum", 0, 0, 0},           // chosen
+                                   {"polypropylene_mesh", 0, 0, 0}};  // Pott et al. 2012: 0.3 to 4.6 N/mm, below
+    ASSERT_EQ(std::size(published), tissue_presets().size());
+    for (const Published& p : published) {
+        const TissuePreset* preset = find_tissue(p.name);
+        ASSERT_NE(preset, nullptr) << p.name;
+        if (p.mean == 0) {
+            EXPECT_NE(std::string(preset->sources).find("chosen"), std::string::npos) << p.name;
+            continue;
+        }
+        const Tissue& t = preset->tissue;
+        for (const TissueLaw law : {TissueLaw::kSprings, TissueLaw::kNeoHookean}) {
+            LawBlock block(law, {}, t.youngs_modulus, t.poisson, 6);
+            const double measured = (block.pull(1.01).stress - block.pull(0.99).stress) / 0.02;
+            std::printf("[   figure ] %-11s %s: %.4g Pa, published %.4g (%+.1f %%)\n", p.name,
+                        law == TissueLaw::kSprings ? "springs    " : "neo-Hookean", measured, p.mean, 100 * (measured / p.mean - 1));
+            EXPECT_NEAR(measured, p.mean, 0.03 * p.mean) << p.name;
+            if (p.high > 0) {
+                EXPECT_GT(measured, p.low) << p.name;
+                EXPECT_LT(measured, p.high) << p.name;
+            }
+        }
+    }
+    const Tissue& mesh = find_tissue("polypropylene_mesh")->tissue;
+    const double stretch = 1e-3 * mesh.youngs_modulus * mesh.wall;  // N/mm
+    EXPECT_GT(stretch, 0.3);
+    EXPECT_LT(stretch, 4.6);
 }
 
 // Every preset makes a body that explicit steps can integrate, and names the source of its modulus.

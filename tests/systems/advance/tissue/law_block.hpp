@@ -19,8 +19,9 @@ struct NeoHookeanLaw {
     }
     double energy(const Eigen::Matrix3d& f) const {
         const double alpha = 1 + mu / lambda - mu / (4 * lambda), squared = f.squaredNorm(), j = f.determinant();
-        return mu / 2 * (squared - 3) + lambda / 2 * ((j - alpha) * (j - alpha) - (1 - alpha) * (1 - alpha)) -
-               mu / 2 * std::log((squared + 1) / 4);
+        const double held = std::max(j, 0.0);  // inside out, the pressure is that of a flat tetrahedron
+        return mu / 2 * (squared - 3) + lambda / 2 * ((held - alpha) * (held - alpha) - (1 - alpha) * (1 - alpha)) +
+               lambda * (held - alpha) * (j - held) - mu / 2 * std::log((squared + 1) / 4);
     }
     // First Piola-Kirchhoff stress.
     Eigen::Matrix3d stress(const Eigen::Matrix3d& f) const {
@@ -28,7 +29,7 @@ struct NeoHookeanLaw {
         Eigen::Matrix3d cofactors;
         cofactors.col(0) = f.col(1).cross(f.col(2)), cofactors.col(1) = f.col(2).cross(f.col(0)),
         cofactors.col(2) = f.col(0).cross(f.col(1));
-        return mu * (1 - 1 / (f.squaredNorm() + 1)) * f + lambda * (f.determinant() - alpha) * cofactors;
+        return mu * (1 - 1 / (f.squaredNorm() + 1)) * f + lambda * (std::max(f.determinant(), 0.0) - alpha) * cofactors;
     }
     // Stretch across a bar that is stretched by `along` and free at its sides.
     double across(double along) const {

@@ -5,6 +5,7 @@
 
 #include "engine/base/cpu.hpp"
 #include "engine/tissue/solid_limit.hpp"
+#include "systems/prepare/sleep.hpp"
 #include "tests/reference/dense.hpp"
 #include "tests/systems/advance/tissue/law_block.hpp"
 namespace trocar {
@@ -193,6 +194,33 @@ TEST(Relaxation, ShearRelaxesAsTheSeries) {
         std::printf("relaxation, law %d: within %.4f %% of the closed form\n", static_cast<int>(law), 100 * worst);
         EXPECT_LT(worst, 0.002);
     }
+}
+
+// What is yet to relax: at once by what the springs are strained, and falling as the series does.
+TEST(Relaxation, WhatIsYetToRelaxFollowsTheSeries) {
+    const Prony one{{0.8}, {0.2}};
+    LawBlock block(TissueLaw::kSprings, one, 1e4, 0.45);
+    const AdvanceScene& s = block.scene;
+    const auto left = [&] { return strain_to_relax(s.relaxation, s.relaxation.body[0], s.springs, s.bodies.mesh[0]); };
+    Eigen::Matrix3d f = Eigen::Vector3d(1.01, 1.02, 0.97).asDiagonal();
+    (void)block.stress(Eigen::Matrix3d::Identity());
+    EXPECT_LT(left(), 1e-6);
+    (void)block.stress(f);
+    double sum = 0, ends = 0;  // both ends of every spring
+    for (uint32_t v = 0; v < block.rest.size(); ++v) {
+        const uint32_t* column = s.springs.slice_column.data() + s.springs.info[0].slices.first;
+        for (uint32_t c = column[v / 16]; c < column[v / 16 + 1]; ++c) {
+            const uint32_t other = s.springs.neighbour[16 * c + v % 16];
+            if (other == v) continue;
+            const Vec3d along = block.rest[other] - block.rest[v];
+            sum += std::pow((f * along).norm() / along.norm() - 1, 2), ++ends;
+        }
+    }
+    const double step = LawBlock::kStep / one.time[0], gain = one.share[0] * (1 - std::exp(-step)) / step;
+    const double start = left();
+    EXPECT_NEAR(start, gain * std::sqrt(sum / ends), 1e-4 * start);
+    for (int i = 0; i < 400; ++i) (void)block.stress(f);
+    EXPECT_NEAR(left(), start * std::exp(-400 * step), 2e-3 * left());
 }
 
 TEST(Relaxation, StorageAndLossModuli) {
