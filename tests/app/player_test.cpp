@@ -7,7 +7,9 @@
 #include <numbers>
 #include <random>
 
+#include "engine/files/image_file.hpp"
 #include "engine/files/text_file.hpp"
+#include "engine/files/whole_file.hpp"
 #include "engine/jobs/thread_pool.hpp"
 #include "engine/mesh/surface_mesh.hpp"
 #include "systems/app/player/player_code.hpp"
@@ -643,6 +645,47 @@ TEST(Player, IsInReportsAndInPagesOfCaptures) {
     EXPECT_NE(with.find("16 frames"), std::string::npos) << "at 0 s and thirty a second";
     EXPECT_NE(capture.find("10 frames"), std::string::npos) << "every pass";
     EXPECT_EQ(run_program("capture export with/captures/passes_20-29.cap --html with/captures/passes_20-29.cap", folder, folder).code, 2);
+}
+
+// A run is made a page of from its folder, also when it left none, and a capture from its file; both tell what does not fit.
+TEST(Player, IsMadeOfRunsAndCapturesAfterwards) {
+    if (!has_player()) GTEST_SKIP() << "built without Node.js and npm";
+    const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_view_recording";
+    std::filesystem::remove_all(folder), std::filesystem::create_directories(folder);
+    const std::string scene = "probe_on_liver --set liver.triangles=600 --set probe.triangles=300";
+    ASSERT_EQ(run_program("run " + scene + " --seconds 0.5 --figures-only --out plain", folder, folder).code, 0);
+    const Outcome made = run_program("view plain --out run.html", folder, folder);
+    EXPECT_EQ(made.code, 0) << made.err;
+    EXPECT_NE(made.out.find("file://"), std::string::npos) << made.out;
+    EXPECT_NE(read_text_file(folder / "run.html").find("16 frames"), std::string::npos) << "at 0 s and thirty a second";
+    for (const auto& entry : std::filesystem::directory_iterator(folder)) EXPECT_EQ(entry.path().string().find(".run"), std::string::npos);
+    // not the run that it was
+    std::string metrics = read_text_file(folder / "plain/metrics.json");
+    metrics.replace(metrics.find("\"600\""), 5, "\"500\"");
+    write_whole_file(folder / "plain/metrics.json", metrics);
+    EXPECT_EQ(run_program("view plain --out run.html", folder, folder).code, 1);
+    EXPECT_EQ(run_program("view . --out run.html", folder, folder).code, 2) << "no run";
+    EXPECT_EQ(run_program("view plain --out run.png", folder, folder).code, 2);
+
+    ASSERT_EQ(run_program("run " + scene + " --seconds 0.5 --no-render --capture 5-9,worst --out kept", folder, folder).code, 0);
+    const std::string capture = "kept/captures/passes_5-9.cap";
+    EXPECT_EQ(run_program("view " + capture, folder, folder).code, 0);
+    const std::string page = read_text_file(folder / "kept/captures/passes_5-9.html");
+    EXPECT_NE(page.find("src=\"data:image/png;base64,"), std::string::npos) << "the picture in the capture";
+    EXPECT_EQ(run_program("capture info " + capture + " --picture picture.png", folder, folder).code, 0);
+    const Image picture = load_image(folder / "picture.png");
+    EXPECT_EQ(picture.width, 320u);
+    EXPECT_EQ(picture.height, 240u);
+    // a red liver in the middle, something else in the corner
+    const auto pixel = [&](size_t x, size_t y) { return std::span(picture.rgba).subspan(4 * (y * picture.width + x), 3); };
+    EXPECT_GT(pixel(160, 140)[0], pixel(160, 140)[2] + 40);
+    EXPECT_LT(std::abs(pixel(2, 2)[0] - pixel(2, 2)[2]), 40);
+    for (const char* file : {"passes_5-9.cap", "worst.cap"}) {
+        const nlohmann::json info =
+            nlohmann::json::parse(run_program("capture info --json kept/captures/" + std::string(file), folder, folder).out);
+        EXPECT_EQ(info["picture"]["pass"], info["first_pass"].get<int>() + info["passes"].get<int>() - 1) << file;
+    }
+    EXPECT_EQ(run_program("replay " + capture, folder, folder).code, 0);
 }
 
 // Non-finite places, as of a run that broke, are shown where they last were.

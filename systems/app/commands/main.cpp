@@ -370,9 +370,9 @@ void add_soak(CLI::App& app, int& code) {
     soak->add_option("--seconds", o->seconds, "Simulated time of an episode, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
     soak->add_option("--faults", o->faults,
                      "Faults injected into every third episode, in turn: nan, blast (absurd velocities), pause (200 ms between two passes, "
-                     "which must change nothing)")
+                     "which must change nothing), dropout (no new place of the hands for 12 passes), jump (their clocks go forward by 0.25 s)")
         ->delimiter(',')
-        ->check(CLI::IsMember({"nan", "blast", "pause"}));
+        ->check(CLI::IsMember({"nan", "blast", "pause", "dropout", "jump"}));
     soak->add_option(
             "--hands", o->hands,
             "Seed: every two episodes hands leave their paths by other smooth random ways, up to 5 mm; both episodes must end in the "

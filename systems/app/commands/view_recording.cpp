@@ -18,7 +18,7 @@ namespace {
 // What repeats a run: its scene and what it was given on the command line.
 RunOptions options_of_run(const ViewOptions& options, const fs::path& folder, const fs::path& recording) {
     RunOptions run;
-    run.render = false;
+    run.render = run.tells = false;
     std::error_code error;
     if (fs::exists(folder / "metrics.json", error)) {
         const nlohmann::json metrics = nlohmann::json::parse(read_text_file(folder / "metrics.json"), nullptr, false);

@@ -36,6 +36,7 @@ struct RunOptions {
     bool figures_only = false;       // write only metrics.json and passes.csv
     uint32_t export_every = 0;       // write every body as OBJ with every n-th picture; 0 = only at the end
     bool json = false;               // print metrics.json to standard output
+    bool tells = true;               // print a summary, without json
     double slow_render_ms = 0;       // live: delays every picture, to show that no other thread waits for drawing
 };
 int run_command(const RunOptions& options);

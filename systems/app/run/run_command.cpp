@@ -579,7 +579,7 @@ int tell_of_run(const RunOptions& options, const RunFigures& figures) {
     if (!ruin.empty()) std::fprintf(stderr, "trocar: warning: the simulation broke: %s\n", ruin.c_str());
     if (options.json)
         write_standard_output(metrics_json(figures));
-    else
+    else if (options.tells)
         print_summary(figures, options.out, options.figures_only);
     const bool devices_heard = tell_of_devices(figures);
     if (figures.stopped_by != 0) {
