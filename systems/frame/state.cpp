@@ -1,5 +1,7 @@
 #include "systems/frame/state.hpp"
 
+#include "systems/prepare/lens_fog.hpp"
+
 namespace trocar {
 
 SleepingBodies sleeping_bodies(FrameState& f, SleepStage stage) {
@@ -34,5 +36,28 @@ OtherForces other_forces(World& w) {
 }
 
 EnergyInputs energy_inputs(World& w) { return {w.springs, w.bodies, w.poses, w.particles, w.anchors, w.settings.gravity, other_forces(w)}; }
+
+PictureInputs picture_inputs(const World& w, const SurfaceNormals& normals, PictureLiquidScratch& liquid) {
+    return {.number = w.clock.picture,
+            .time = pass_seconds(w),
+            .surfaces = surfaces_of(w),
+            .normals = normals,
+            .contacts = w.contacts,
+            .penetrations = w.penetrations,
+            .haptics = w.haptics,
+            .tears = &w.tears,
+            .spawning = &w.spawning,
+            .node_state = &w.node_state,
+            .links = &w.links,
+            .actions = &w.actions,
+            .action_state = &w.action_state,
+            .solids = &w.solids,
+            .fluids = &w.fluids,
+            .fluid_state = &w.fluid_state,
+            .liquid = &liquid,
+            .fog = w.lenses.lens.empty() ? 0.0 : fog_of(w.lenses.lens[0]),
+            .threads = &w.threads,
+            .thread_state = &w.thread_state};
+}
 
 }  // namespace trocar

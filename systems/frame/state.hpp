@@ -141,5 +141,7 @@ SleepingBodies sleeping_bodies(FrameState& frame, SleepStage stage);
 void number_sleeps(FrameState& frame);
 OtherForces other_forces(World& world);
 EnergyInputs energy_inputs(World& world);
+// `normals`: of compute_surface_normals, those of the world where it has the stage.
+PictureInputs picture_inputs(const World& world, const SurfaceNormals& normals, PictureLiquidScratch& liquid);
 
 }  // namespace trocar

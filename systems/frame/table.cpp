@@ -11,7 +11,6 @@
 #include "systems/haptics/contact/surface_feel.hpp"
 #include "systems/haptics/frame_ticks.hpp"
 #include "systems/haptics/input.hpp"
-#include "systems/output/picture_snapshot.hpp"
 #include "systems/prepare/lens_fog.hpp"
 #include "systems/prepare/node_switching.hpp"
 #include "systems/prepare/rigid_motion.hpp"
@@ -275,28 +274,7 @@ void energy(World& w, FrameState& f) {
     measure_energy(energy_inputs(w), w.energy_start, f.scratch.energy, w.energy, sleeping_bodies(f, kSeenByEnergy));
 }
 void picture(World& w, FrameState& f) {
-    write_picture_snapshot({w.clock.picture,
-                            pass_seconds(w),
-                            surfaces_of(w),
-                            w.normals,
-                            w.contacts,
-                            w.penetrations,
-                            w.haptics,
-                            &w.tears,
-                            &w.spawning,
-                            &w.node_state,
-                            {},
-                            &w.links,
-                            &w.actions,
-                            &w.action_state,
-                            &w.solids,
-                            &w.fluids,
-                            &w.fluid_state,
-                            &f.scratch.picture_liquid,
-                            w.lenses.lens.empty() ? 0.0 : fog_of(w.lenses.lens[0]),
-                            &w.threads,
-                            &w.thread_state},
-                           w.picture, sleeping_bodies(f, kSeenByPicture));
+    write_picture_snapshot(picture_inputs(w, w.normals, f.scratch.picture_liquid), w.picture, sleeping_bodies(f, kSeenByPicture));
 }
 }  // namespace stages
 

@@ -309,14 +309,18 @@ void write_picture_snapshot(const PictureInputs& inputs, PictureSnapshot& out, c
     copy_depths(inputs.surfaces, inputs.contacts, out);
     copy_witnesses(inputs.contacts, inputs.penetrations, out);
     copy_tools(inputs.haptics, out);
+    copy_removed(inputs.surfaces, inputs.tears, out);
+    copy_cut_surfaces(inputs, out);
+    write_picture_effects(inputs, out);
+    hide_absent(inputs, out);
+}
+
+void write_picture_effects(const PictureInputs& inputs, PictureSnapshot& out) {
     copy_points(inputs.points, out);
     copy_staples(inputs, out);
     copy_threads(inputs, out);
-    copy_removed(inputs.surfaces, inputs.tears, out);
-    copy_cut_surfaces(inputs, out);
     copy_burnt(inputs, out);
     copy_liquids(inputs, out);
-    hide_absent(inputs, out);
 }
 
 }  // namespace trocar

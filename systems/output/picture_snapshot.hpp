@@ -61,4 +61,8 @@ struct PictureInputs {
 // already keep their elements of `out`.
 void write_picture_snapshot(const PictureInputs& inputs, PictureSnapshot& out, const SleepingBodies& sleeping_bodies = {});
 
+// The part of it that is no body's shape: effects' points, drops, staples, threads, smoke, liquid on surfaces, coagulated tissue.
+// `out.body` has the prototype of every body and no `burnt` or `liquid`.
+void write_picture_effects(const PictureInputs& inputs, PictureSnapshot& out);
+
 }  // namespace trocar

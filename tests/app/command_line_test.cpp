@@ -7,7 +7,9 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <sstream>
 #include <string>
 
@@ -616,6 +618,49 @@ TEST_F(CommandLine, EmbreeBuildsTheTreesAndMayWalkThem) {
     EXPECT_EQ(a["witness"], b["witness"]);
 }
 
+// Of a trace: spans have times and tracks with names; a pass has one span and each of three counters, which hold nothing else;
+// arrows lead from the end of a pass to the begin of the next, in pairs.
+void check_trace(const nlohmann::json& trace, size_t passes) {
+    std::set<double> named, used;
+    std::map<std::string, size_t> counts;
+    std::map<uint64_t, double> begun;             // us, of arrows that have not ended
+    std::vector<std::pair<double, double>> pass;  // us, begin and end
+    std::vector<std::pair<double, double>> arrow;
+    for (const nlohmann::json& e : trace["traceEvents"]) {
+        const std::string kind = e["ph"], name = e["name"];
+        if (kind == "M") {
+            if (name == "thread_name") named.insert(e["tid"].get<double>());
+            continue;
+        }
+        EXPECT_TRUE(std::isfinite(e["ts"].get<double>())) << e;
+        if (kind == "X") {
+            EXPECT_GE(e["dur"].get<double>(), 0) << e;
+            used.insert(e["tid"].get<double>());
+            if (name == "pass") pass.emplace_back(e["ts"], e["ts"].get<double>() + e["dur"].get<double>());
+        } else if (kind == "C") {
+            ++counts[name];
+            EXPECT_EQ(e["args"].size(), 1u) << e;
+            EXPECT_TRUE(e["args"][name].is_number()) << e;
+        } else if (kind == "s") {
+            EXPECT_TRUE(begun.emplace(e["id"], e["ts"]).second) << "two arrows of one number";
+        } else if (kind == "f") {
+            const auto from = begun.find(e["id"]);
+            ASSERT_NE(from, begun.end()) << "an arrow from nowhere";
+            arrow.emplace_back(from->second, e["ts"]);
+            begun.erase(from);
+        }
+    }
+    EXPECT_TRUE(begun.empty()) << "an arrow to nowhere";
+    ASSERT_EQ(pass.size(), passes);
+    for (const char* counter : {"contacts", "depth_mm", "force_n"}) EXPECT_EQ(counts[counter], passes) << counter;
+    for (const double track : used) EXPECT_TRUE(named.contains(track)) << "a track without a name: " << track;
+    ASSERT_EQ(arrow.size(), passes - 1);
+    for (size_t i = 0; i + 1 < passes; ++i) {
+        EXPECT_NEAR(arrow[i].first, pass[i].second, 0.005) << "the end of the pass";
+        EXPECT_NEAR(arrow[i].second, pass[i + 1].first, 0.005) << "the begin of the next";
+    }
+}
+
 TEST_F(CommandLine, RunWritesWhatItSays) {
     const fs::path out = folder_ / "run";
     const Outcome outcome =
@@ -630,7 +675,7 @@ TEST_F(CommandLine, RunWritesWhatItSays) {
     EXPECT_TRUE(m["haptics"].contains("max_force_n") && m.contains("energy") && m.contains("report") && m.contains("state_hash"));
     for (const auto& [name, stage] : m["stages"].items())
         EXPECT_TRUE(stage.contains("p50_ms") && stage.contains("p99_ms") && stage.contains("max_ms")) << name;
-    EXPECT_GT(t["traceEvents"].size(), 10u);
+    check_trace(t, 12);
     EXPECT_TRUE(fs::exists(out / "report.html") && fs::exists(out / "frames" / "000000.png") && fs::exists(out / "meshes"));
     for (const auto& entry : fs::recursive_directory_iterator(out))
         EXPECT_EQ(entry.path().filename().string().find("tmp"), std::string::npos) << entry.path();

@@ -2,18 +2,24 @@
 
 #include <bit>
 #include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <random>
 
+#include "engine/files/image_file.hpp"
 #include "engine/files/text_file.hpp"
+#include "engine/files/whole_file.hpp"
 #include "engine/jobs/thread_pool.hpp"
 #include "engine/mesh/surface_mesh.hpp"
 #include "systems/app/player/player_code.hpp"
 #include "systems/app/player/player_page.hpp"
 #include "systems/app/report/report_page.hpp"
 #include "systems/app/run/live_run.hpp"
+#include "systems/frame/state.hpp"
 #include "tests/app/quick_scene.hpp"
 #include "tests/app/run_program.hpp"
+#include "tests/frame/scenes_under_test.hpp"
 #include "tests/frame/written_scene.hpp"
 namespace trocar {
 namespace {
@@ -43,6 +49,11 @@ struct Decoded {
         };
         std::vector<Pair> pair;
         std::vector<std::array<uint64_t, 2>> island;  // bodies, constraints
+        std::vector<std::vector<Vec3d>> line;         // m, from the origin
+        std::vector<Vec3d> ball, puff;
+        std::vector<double> radius, extinction;                       // m, of lines, then of balls; m^2, of puffs
+        std::map<uint64_t, std::vector<std::array<double, 4>>> film;  // per body and vertex: thickness, rise, level, blood
+        std::map<uint64_t, std::vector<double>> burnt;                // likewise
         double stages_us = 0, cost_us = 0;
     };
     nlohmann::json header;
@@ -112,6 +123,45 @@ void decode_contacts(Reading& r, const nlohmann::json& header, Decoded::Moment& 
     column([&](Decoded::Contact& c, double v) { c.friction = v * header["force_step"].get<double>(); });
 }
 
+std::vector<double> decode_sparse(Reading& r) {
+    std::vector<double> values(r.number());
+    for (size_t v = 0; v < values.size(); ++v) {
+        values[v] = static_cast<double>(r.number());
+        if (values[v] == 0) v += r.number();
+    }
+    return values;
+}
+
+void decode_effects(Reading& r, const nlohmann::json& header, Decoded::Moment& m) {
+    const double step = header["point_step"], film_step = header["effects"]["film_step"], rise_step = header["effects"]["rise_step"];
+    Vec3d at = Vec3d::Zero();
+    const auto place = [&] {
+        for (double& x : at) x += r.signed_number() * step;
+        return at;
+    };
+    m.line.resize(r.number());
+    for (auto& line : m.line) {
+        line.resize(r.number());
+        m.radius.push_back(r.real()), r.text(3);
+        for (Vec3d& point : line) point = place();
+    }
+    for (uint64_t balls = r.number(); balls > 0; --balls) m.ball.push_back(place()), m.radius.push_back(r.real()), r.text(3);
+    for (uint64_t puffs = r.number(); puffs > 0; --puffs) m.puff.push_back(place()), r.real(), m.extinction.push_back(r.real());
+    for (uint64_t bodies = r.number(); bodies > 0; --bodies) {
+        auto& film = m.film[r.number()];
+        for (const double steps : decode_sparse(r)) film.push_back({steps * film_step, 0, 0, 0});
+        for (auto& vertex : film)
+            if (vertex[0] > 0) vertex[1] = r.signed_number() * rise_step;
+        for (const size_t column : {2u, 3u})
+            for (auto& vertex : film)
+                if (vertex[0] > 0) vertex[column] = static_cast<uint8_t>(r.text(1)[0]) / 255.0;
+    }
+    for (uint64_t bodies = r.number(); bodies > 0; --bodies) {
+        auto& burnt = m.burnt[r.number()];
+        for (const double share : decode_sparse(r)) burnt.push_back(share / 255);
+    }
+}
+
 void decode_findings(Reading& r, const nlohmann::json& header, Decoded::Moment& m) {
     r.number();  // bytes
     for (uint64_t stages = r.number(); stages > 0; --stages) m.stages_us += static_cast<double>(r.number());
@@ -123,6 +173,7 @@ void decode_findings(Reading& r, const nlohmann::json& header, Decoded::Moment& 
         for (Vec3d& end : m.link.back())
             for (double& x : end) x = r.real();
     }
+    if (header.contains("effects")) decode_effects(r, header, m);
     if (!header["cells"]) return;
     m.cells = r.number();
     const uint64_t kept = r.number();
@@ -425,6 +476,93 @@ TEST(Player, ShowsLinks) {
     });
 }
 
+// Looks at the newest moment of a recording of a built-in scene, and at its world.
+template <typename Look>
+void record_effects(const std::string& name, const std::vector<Override>& overrides, int passes, const Look& look) {
+    ThreadPool pool(2);
+    pool.run([&] {
+        Frame frame(build_scene(read_scene_file(source_folder() / "content/scenes" / (name + ".toml"), overrides), Looks::kPlain).world,
+                    {});
+        PlayerRecorder recorder(frame, true);
+        for (int i = 0; i < passes; ++i) frame.step(), recorder.after_pass(frame, frame.times().stage_ns);
+        look(decode(recorder.coded(name, {})), frame.world());
+    });
+}
+
+// A thread goes through its points, to half a step; its knot is a ball.
+TEST(Player, ShowsThreads) {
+    record_effects("suture", {}, 4, [](const Decoded& d, const World& w) {
+        const Decoded::Moment& m = d.moment.back();
+        const Vec3d origin(d.header["origin"][0], d.header["origin"][1], d.header["origin"][2]);
+        ASSERT_EQ(m.line.size(), 1u);
+        const uint32_t count = w.thread_state.count[0];
+        ASSERT_EQ(m.line[0].size(), 3 * (count - 1) + 1) << "three rods between two points";
+        for (uint32_t i = 0; i < count; ++i) {
+            const Vec3d point = w.thread_state.position[w.threads.thread[0].rows.first + i];
+            EXPECT_LE((m.line[0][3 * i] + origin - point).cwiseAbs().maxCoeff(), 0.51 * PlayerCoder::kPointStep);
+        }
+        ASSERT_EQ(m.ball.size(), 1u);
+        EXPECT_LE((m.ball[0] - m.line[0][0]).norm(), 1e-12);
+        EXPECT_FLOAT_EQ(static_cast<float>(m.radius[1]), static_cast<float>(4 * m.radius[0]));
+    });
+}
+
+// Films, drops and what coagulated are those of pictures, in the steps that the header tells; of a scene that has none there is nothing.
+TEST(Player, ShowsFluids) {
+    record_effects("bleed_and_suck", {{"liver.triangles", "1500"}, {"bleeding", "3000.0"}}, 110, [](const Decoded& d, const World& w) {
+        const Decoded::Moment& m = d.moment.back();
+        const Vec3d origin(d.header["origin"][0], d.header["origin"][1], d.header["origin"][2]);
+        const Drops& drops = w.fluid_state.drops;
+        ASSERT_EQ(m.ball.size(), drops.volume.size());
+        EXPECT_GT(drops.volume.size(), 0u);
+        for (size_t i = 0; i < drops.volume.size(); ++i) {
+            EXPECT_LE((m.ball[i] + origin - drops.position[i]).cwiseAbs().maxCoeff(), 0.51 * PlayerCoder::kPointStep);
+            EXPECT_NEAR(4 * std::numbers::pi / 3 * std::pow(m.radius[i], 3), drops.volume[i], 1e-6 * drops.volume[i]);
+        }
+        PictureLiquidScratch scratch;
+        PictureSnapshot picture;
+        picture.body.resize(w.bodies.mesh.size());
+        for (size_t b = 0; b < picture.body.size(); ++b) picture.body[b].mesh = w.bodies.mesh[b];
+        write_picture_effects(picture_inputs(w, w.normals, scratch), picture);
+        double wettest = 0;
+        for (uint32_t b = 0; b < picture.body.size(); ++b) {
+            const Range range = picture.body[b].liquid;
+            ASSERT_EQ(m.film.contains(b), range.count > 0);
+            for (uint32_t v = 0; v < range.count; ++v) {
+                const Float4& film = picture.liquid[range.first + v];
+                const std::array<double, 4>& shown = m.film.at(b).at(v);
+                EXPECT_NEAR(shown[0], film.x, 0.51 * PlayerEffects::kFilmStep);
+                if (shown[0] == 0) continue;
+                EXPECT_NEAR(shown[1], film.y, 0.51 * PlayerEffects::kRiseStep);
+                EXPECT_NEAR(shown[2], film.z, 0.51 / 255);
+                EXPECT_NEAR(shown[3], film.w, 0.51 / 255);
+                wettest = std::max(wettest, shown[0] * shown[3]);
+            }
+        }
+        EXPECT_GT(wettest, 1e-4) << "it bleeds";
+        EXPECT_FALSE(decode(record(quick_scene(), 2, false, PlayerRecorder::kMostBytes).coded).header.contains("effects"));
+    });
+}
+
+TEST(Player, ShowsSmokeAndBurns) {
+    record_effects("smoke", {{"liver.triangles", "1500"}}, 210, [](const Decoded& d, const World& w) {
+        const Decoded::Moment& m = d.moment.back();
+        const Vec3d origin(d.header["origin"][0], d.header["origin"][1], d.header["origin"][2]);
+        const Puffs& puffs = w.fluid_state.puffs;
+        ASSERT_EQ(m.puff.size(), puffs.mass.size());
+        EXPECT_GT(puffs.mass.size(), 0u);
+        for (size_t i = 0; i < puffs.mass.size(); ++i) {
+            EXPECT_LE((m.puff[i] + origin - puffs.position[i]).cwiseAbs().maxCoeff(), 0.51 * PlayerCoder::kPointStep);
+            EXPECT_NEAR(m.extinction[i], w.fluids.params.smoke_extinction * puffs.mass[i], 1e-6 * m.extinction[i]);
+        }
+        double most = 0;
+        for (const auto& [body, shares] : m.burnt) most = std::max(most, std::ranges::max(shares));
+        const double damage = std::ranges::max(w.action_state.heat.damage);
+        EXPECT_GT(most, 0.5);
+        EXPECT_LE(most, 1 - std::exp(-damage) + 0.51 / 255) << "no more than where it is most";
+    });
+}
+
 // Steps of any size and sign; a body that rests in either or both frames.
 TEST(Player, JoinedMovesAreTheSums) {
     std::mt19937 random(7);
@@ -507,6 +645,47 @@ TEST(Player, IsInReportsAndInPagesOfCaptures) {
     EXPECT_NE(with.find("16 frames"), std::string::npos) << "at 0 s and thirty a second";
     EXPECT_NE(capture.find("10 frames"), std::string::npos) << "every pass";
     EXPECT_EQ(run_program("capture export with/captures/passes_20-29.cap --html with/captures/passes_20-29.cap", folder, folder).code, 2);
+}
+
+// A run is made a page of from its folder, also when it left none, and a capture from its file; both tell what does not fit.
+TEST(Player, IsMadeOfRunsAndCapturesAfterwards) {
+    if (!has_player()) GTEST_SKIP() << "built without Node.js and npm";
+    const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_view_recording";
+    std::filesystem::remove_all(folder), std::filesystem::create_directories(folder);
+    const std::string scene = "probe_on_liver --set liver.triangles=600 --set probe.triangles=300";
+    ASSERT_EQ(run_program("run " + scene + " --seconds 0.5 --figures-only --out plain", folder, folder).code, 0);
+    const Outcome made = run_program("view plain --out run.html", folder, folder);
+    EXPECT_EQ(made.code, 0) << made.err;
+    EXPECT_NE(made.out.find("file://"), std::string::npos) << made.out;
+    EXPECT_NE(read_text_file(folder / "run.html").find("16 frames"), std::string::npos) << "at 0 s and thirty a second";
+    for (const auto& entry : std::filesystem::directory_iterator(folder)) EXPECT_EQ(entry.path().string().find(".run"), std::string::npos);
+    // not the run that it was
+    std::string metrics = read_text_file(folder / "plain/metrics.json");
+    metrics.replace(metrics.find("\"600\""), 5, "\"500\"");
+    write_whole_file(folder / "plain/metrics.json", metrics);
+    EXPECT_EQ(run_program("view plain --out run.html", folder, folder).code, 1);
+    EXPECT_EQ(run_program("view . --out run.html", folder, folder).code, 2) << "no run";
+    EXPECT_EQ(run_program("view plain --out run.png", folder, folder).code, 2);
+
+    ASSERT_EQ(run_program("run " + scene + " --seconds 0.5 --no-render --capture 5-9,worst --out kept", folder, folder).code, 0);
+    const std::string capture = "kept/captures/passes_5-9.cap";
+    EXPECT_EQ(run_program("view " + capture, folder, folder).code, 0);
+    const std::string page = read_text_file(folder / "kept/captures/passes_5-9.html");
+    EXPECT_NE(page.find("src=\"data:image/png;base64,"), std::string::npos) << "the picture in the capture";
+    EXPECT_EQ(run_program("capture info " + capture + " --picture picture.png", folder, folder).code, 0);
+    const Image picture = load_image(folder / "picture.png");
+    EXPECT_EQ(picture.width, 320u);
+    EXPECT_EQ(picture.height, 240u);
+    // a red liver in the middle, something else in the corner
+    const auto pixel = [&](size_t x, size_t y) { return std::span(picture.rgba).subspan(4 * (y * picture.width + x), 3); };
+    EXPECT_GT(pixel(160, 140)[0], pixel(160, 140)[2] + 40);
+    EXPECT_LT(std::abs(pixel(2, 2)[0] - pixel(2, 2)[2]), 40);
+    for (const char* file : {"passes_5-9.cap", "worst.cap"}) {
+        const nlohmann::json info =
+            nlohmann::json::parse(run_program("capture info --json kept/captures/" + std::string(file), folder, folder).out);
+        EXPECT_EQ(info["picture"]["pass"], info["first_pass"].get<int>() + info["passes"].get<int>() - 1) << file;
+    }
+    EXPECT_EQ(run_program("replay " + capture, folder, folder).code, 0);
 }
 
 // Non-finite places, as of a run that broke, are shown where they last were.

@@ -93,6 +93,13 @@ TEST(Soak, S07_EveryRuleBreaksByItsName) {
     EXPECT_EQ(verdict(soak), "particles");
     soak.episode[90].with_fault = true;
     EXPECT_EQ(verdict(soak), "") << "particles that a fault loses are no news";
+    soak.episode[90].of_device = true;
+    EXPECT_EQ(verdict(soak), "particles") << "but no device may lose any";
+    soak = quiet_soak();
+    soak.episode[90].with_fault = soak.episode[90].of_device = true, soak.episode[90].hash = 6;
+    EXPECT_EQ(verdict(soak), "") << "another hand, another end";
+    soak.episode[90].over_force = 0.1;
+    EXPECT_EQ(verdict(soak), "force");
 }
 
 TEST(Soak, MemoryOfTheWarmUpIsNotHeldAgainstIt) {
@@ -114,6 +121,22 @@ TEST(SoakCommand, S01_FaultsAreSurvivedAndEveryEpisodeEndsTheSame) {
     EXPECT_GT(json["particles_restored"], 0);
     EXPECT_TRUE(std::filesystem::exists(folder / "out/soak.html"));
     EXPECT_EQ(run_program("soak probe_on_liver --faults rust", folder, folder).code, 2);
+}
+
+// A hand that stands still and is elsewhere then, and one that jumps by what it does in a quarter of a second, both on random ways.
+TEST(SoakCommand, DevicesThatFailHarmNoHandAndNoTissue) {
+    const std::filesystem::path folder = std::filesystem::path(testing::TempDir()) / "trocar_soak_devices";
+    std::filesystem::create_directories(folder);
+    const Outcome outcome = run_program(
+        "soak probe_on_liver --minutes 0.05 --seconds 2 --set liver.triangles=600 --set probe.triangles=300 --faults dropout,jump --hands "
+        "3 "
+        "--out out --json",
+        folder, folder);
+    EXPECT_EQ(outcome.code, 0) << outcome.out << outcome.err;
+    const nlohmann::json json = nlohmann::json::parse(outcome.out);
+    EXPECT_TRUE(json["sound"]);
+    EXPECT_GE(json["faults_injected"], 2);
+    EXPECT_EQ(json["particles_restored"], 0);
 }
 
 // Faults are injected one after the other: a soak that ended early has not tried the later ones. Breaks when

@@ -265,12 +265,122 @@ TEST(ViewerActions, AViewedRunIsRepeatedToTheBit) {
     EXPECT_NE(difference(other, 2), "") << "one bit of one pull";
 }
 
+// Two balls that a staple holds together may get wet, a stapler stands beside.
+const char* const kStapled = R"(
+name = "stapled"
+gravity = [0.0, 0.0, 0.0]
+[fluid]
+gravity = [0.0, 0.0, -9.81]
+bodies = ["a"]
+[[body]]
+name = "a"
+shape = "sphere"
+triangles = 320
+size = 0.08
+motion = "deformable"
+anchor = "shape"
+[[body]]
+name = "b"
+shape = "sphere"
+triangles = 320
+size = 0.08
+motion = "deformable"
+anchor = "shape"
+position = [0.0, 0.0, 0.0805]
+[[body]]
+name = "stapler"
+shape = "sphere"
+triangles = 100
+size = 0.01
+motion = "hand"
+position = [0.0, 0.03, 0.04]
+mass = 0.05
+[[tool]]
+body = "stapler"
+tip_radius = 0.005
+stiffness = 300.0
+damping = 3.0
+[[tool.action]]
+kind = "staple"
+at = [0.05]
+point = [0.0, -0.03, 0.0]
+reach = 0.02
+[[tool.path]]
+time = 0.0
+position = [0.0, 0.03, 0.04]
+[[tool.path]]
+time = 1.0
+position = [0.0, 0.03, 0.04]
+)";
+
+// What an instructor lets happen: the ledger has the blood of the vessel, 1 ml/s for as long as it is open, the staple lets go of both
+// bodies and of its energy, and the run is repeated to the bit; where there is neither surface nor staple it is refused.
+TEST(ViewerActions, AnInstructorLetsATissueBleedAndAStapleSlip) {
+    LiveRecording recording;
+    recording.lockstep = recording.viewed = true;
+    const auto happens = [](Kind kind, const Vec3d& point, uint32_t body = 0) {
+        ViewCommand c = command(kind, point, body);
+        c.rate = kind == Kind::kBleed ? 1e-6 : 0;
+        return c;
+    };
+    ThreadPool pool(2);
+    pool.run([&] {
+        Frame frame(viewed_world(kStapled), {});
+        World& w = frame.world();
+        ViewerActions actions;
+        recording.start_hash = scene_hash(w);
+        const auto obey = [&](ViewCommand c) {
+            c.pass = w.clock.pass;
+            actions.obey(c, frame, nullptr), recording.command.push_back(c);
+        };
+        const auto step = [&](int passes) {
+            for (; passes > 0; --passes) actions.before_pass(frame), frame.step(), recording.slip.push_back(0);
+        };
+        step(10);
+        ASSERT_EQ(w.action_state.staple.size(), 1u);
+        const uint64_t before = state_hash(w);
+        for (const ViewCommand& refused : {happens(Kind::kBleed, {0, 0, 0.04}, 1), happens(Kind::kBleed, {0, 0, 0}),
+                                           happens(Kind::kBleed, {0, 0, 0}, 9), happens(Kind::kSlip, {0, 0, -0.04})})
+            EXPECT_THROW(actions.obey(refused, frame, nullptr), InputError) << text_of(refused);
+        EXPECT_EQ(state_hash(w), before);
+        obey(happens(Kind::kBleed, {0.04, 0, 0}));
+        const uint64_t ticks = w.clock.tick;
+        step(10);
+        EXPECT_NEAR(w.fluid_state.ledger.bled, 1e-6 * 1e-3 * static_cast<double>(w.clock.tick - ticks), 2e-9);
+        double wettest = 0;
+        Vec3d place = Vec3d::Zero();
+        for (uint32_t v = 0; v < w.meshes.info[w.bodies.mesh[0]].vertices.count; ++v)
+            if (w.fluid_state.volume[w.fluids.body[0].cells.first + v] > wettest)
+                wettest = w.fluid_state.volume[w.fluids.body[0].cells.first + v], place = vertex_position(surfaces_of(w), 0, v);
+        EXPECT_LT((place - Vec3d(0.04, 0, 0)).norm(), 0.02) << "where it was asked for";
+        obey(happens(Kind::kSlip, {0, 0, 0.04}));
+        EXPECT_TRUE(w.action_state.staple.empty());
+        for (const LinkGroup& g : w.links.group) EXPECT_EQ(g.links.count, 0u);
+        EXPECT_EQ(w.action_state.progress[0].pulled_out, 0u) << "it was not the trainee's doing";
+        step(20);
+        EXPECT_LT(std::abs(w.energy.balance), 1e-3 * (std::abs(w.energy.kinetic) + std::abs(w.energy.elastic) + 1e-6));
+        recording.state_hash = state_hash(w);
+    });
+    const fs::path file = fs::path(testing::TempDir()) / "trocar_injected.recording";
+    write_live_recording(file, recording);
+    for (const uint32_t threads : {1u, 3u}) {
+        ThreadPool other(threads);
+        other.run([&] {
+            const LiveRecording read = read_live_recording(file);
+            Frame frame(viewed_world(kStapled), {});
+            LiveReplay replay({}, read, "file", frame);
+            while (frame.world().clock.tick < replay.end_tick()) replay.begin_pass(), frame.step();
+            EXPECT_EQ(replay.difference(), "");
+        });
+    }
+}
+
 TEST(ViewCommand, EveryNumberIsReadBackToTheBit) {
     std::mt19937_64 random(5);
     for (int i = 0; i < 2000; ++i) {
         ViewCommand c;
-        c.kind = static_cast<Kind>(random() % 4), c.pass = random() >> (11 + random() % 50);
-        c.body = static_cast<uint32_t>(random() % 1000);
+        c.kind = static_cast<Kind>(random() % 6), c.pass = random() >> (11 + random() % 50);
+        c.body = static_cast<uint32_t>(random() % 1000), c.rate = 1e-4 / (1 + static_cast<double>(random() % 1000));
         for (int k = 0; k < 3; ++k)
             c.point[k] = std::ldexp(static_cast<double>(static_cast<int64_t>(random() >> 10)), -static_cast<int>(random() % 60) - 40);
         c.key = "body.\"\\\n" + std::to_string(random()), c.value = "[0,\t1]";
@@ -281,10 +391,11 @@ TEST(ViewCommand, EveryNumberIsReadBackToTheBit) {
             EXPECT_EQ(back.key, c.key);
             EXPECT_EQ(back.value, c.value);
         }
-        if (c.kind == Kind::kGrab) {
+        if (c.kind == Kind::kGrab || c.kind == Kind::kBleed) {
             EXPECT_EQ(back.body, c.body);
         }
-        if (c.kind == Kind::kGrab || c.kind == Kind::kPull) {
+        EXPECT_EQ(back.rate, c.kind == Kind::kBleed ? c.rate : 0);
+        if (c.kind != Kind::kSet && c.kind != Kind::kLet) {
             EXPECT_EQ(back.point, c.point) << text_of(c);
         }
     }
@@ -292,14 +403,15 @@ TEST(ViewCommand, EveryNumberIsReadBackToTheBit) {
 
 // Damaged messages are refused or are commands with finite numbers; nothing else comes of them.
 TEST(ViewCommand, DamagedMessagesAreRefusedOrMeanSomethingFinite) {
-    const std::string seeds[] = {R"({"do":"grab","body":3,"point":[0.1,-2e-3,3]})", R"({"do":"pull","point":[1,2,3],"pass":17})",
-                                 R"({"do":"set","key":"gravity","value":"[0, 0, -9.81]"})", R"({"do":"let"})"};
+    const std::string seeds[] = {R"({"do":"grab","body":3,"point":[0.1,-2e-3,3]})",         R"({"do":"pull","point":[1,2,3],"pass":17})",
+                                 R"({"do":"set","key":"gravity","value":"[0, 0, -9.81]"})", R"({"do":"let"})",
+                                 R"({"do":"bleed","body":1,"point":[0,1,2],"rate":1e-6})",  R"({"do":"slip","point":[0,1,2]})"};
     const std::string pieces[] = {"null", "1e999", "-1",  "[", "]", "{", "}", "\"", "\\u0000", "\xff\xfe", "9223372036854775808",
                                   "true", ",",     "1e6", "{}"};
     std::mt19937 random(7);
     int refused = 0, understood = 0;
     for (int i = 0; i < 40000; ++i) {
-        std::string text = seeds[random() % 4];
+        std::string text = seeds[random() % std::size(seeds)];
         for (uint32_t change = 0, changes = random() % 3 + (i % 10 > 0); change < changes; ++change) {
             const size_t at = random() % (text.size() + 1);
             const uint32_t how = random() % 4;
@@ -312,6 +424,7 @@ TEST(ViewCommand, DamagedMessagesAreRefusedOrMeanSomethingFinite) {
             const ViewCommand c = read_view_command(text);
             ++understood;
             EXPECT_TRUE(c.point.allFinite() && c.point.cwiseAbs().maxCoeff() <= 1e6) << text;
+            EXPECT_TRUE(c.rate >= 0 && c.rate <= 1e-4) << text;
             EXPECT_LE(c.key.size() + c.value.size(), 400u);
         } catch (const InputError& error) {
             ++refused;

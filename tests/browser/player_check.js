@@ -74,6 +74,27 @@ async function checkInspection(browser) {
     expect(/^Island \d+$/.test(await browser.ask(`document.querySelector('#player h3').textContent`)), 'one on an island tells its bodies');
 }
 
+// Liquid and drops of a scene that bleeds are drawn, and go with their layer.
+async function checkEffects(browser) {
+    expect(await browser.until(`typeof trocarShown === 'object'`), 'the player of a wet scene starts');
+    await browser.ask('trocarShown.stopAt(trocarShown.frames.length - 1)');
+    const {films, drops} = await browser.ask(`(e => ({films: e.films.size, drops: e.balls.length}))(trocarShown.frames.at(-1).effects)`);
+    expect(films > 0 && drops > 0, `${films} wet bodies, ${drops} drops`);
+    const red = `(() => {
+        const {renderer, scene, camera} = trocarShown.view, gl = renderer.getContext();
+        renderer.render(scene, camera);
+        const pixels = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight);
+        gl.readPixels(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+        let count = 0;
+        for (let i = 0; i < pixels.length; i += 4) count += pixels[i] > 60 && pixels[i + 1] < 0.25 * pixels[i] && pixels[i + 2] < 0.25 * pixels[i];
+        return count;
+    })()`;
+    const wet = await browser.ask(red);
+    await browser.ask(`[...document.querySelectorAll('#player label')].find(l => /threads and fluids/.test(l.textContent)).querySelector('input').click()`);
+    const dry = await browser.ask(red);
+    expect(wet > 300 && dry < wet / 10, `blood is red: ${wet} pixels, ${dry} without the layer`);
+}
+
 async function main() {
     let page = givenPage;
     if (!page) {
@@ -95,6 +116,9 @@ async function main() {
             execFileSync(program, ['capture', 'export', join(folder, 'run/captures/passes_60-66.cap'), '--html', join(folder, 'capture.html')], {stdio: 'ignore'});
             await browser.open('file://' + join(folder, 'capture.html'));
             await checkInspection(browser);
+            execFileSync(program, ['run', 'bleed_and_suck', '--seconds', '2', '--no-render', '--set', 'liver.triangles=1500', '--set', 'bleeding=3000.0', '--out', join(folder, 'wet')], {stdio: 'ignore'});
+            await browser.open('file://' + join(folder, 'wet', 'report.html'));
+            await checkEffects(browser);
         }
         const requests = browser.heard.filter(m => m.method === 'Network.requestWillBeSent').map(m => m.params.request.url).filter(url => !/^(file|data|blob):/.test(url));
         expect(requests.length === 0, `nothing is asked of a network ${requests.join(' ')}`);

@@ -7,11 +7,12 @@ const {join} = require('node:path');
 const {Browser, checkPlaces, end, expect, folder, kPixels, kSkipped} = require('./browser.js');
 
 const program = process.argv[2];
+const wet = ['--no-render', '--set', 'liver.triangles=1500', '--set', 'dish.triangles=1500', '--set', 'bleeding=1.0'];
 const small = ['--no-render', '--set', 'liver.triangles=1500', '--set', 'probe.triangles=300'];
 
 // A run with a view: its address, and its exit code when it has ended.
 function start(out, options, scene) {
-    const sizes = scene === 'laparoscope' ? ['--no-render', '--set', 'liver.triangles=1500'] : small;
+    const sizes = scene === 'bleed_and_suck' ? wet : scene === 'laparoscope' ? ['--no-render', '--set', 'liver.triangles=1500'] : small;
     const run = spawn(program, ['run', scene, '--view', ...options, ...sizes, '--out', out], {stdio: ['ignore', 'ignore', 'pipe']});
     const ended = new Promise(done => run.once('exit', done));
     const address = new Promise(done => {
@@ -122,6 +123,33 @@ async function checkViewer(browser, run, out) {
     expect(replayed.status === 0, `so is the capture ${replayed.status ? replayed.stdout + replayed.stderr : ''}`);
 }
 
+// An instructor lets the liver bleed where he clicks; that is recorded and repeated to the bit.
+async function checkInstructor(browser, run, out) {
+    expect(await browser.until(`typeof trocarShown === 'object' && globalThis.trocarStatus && trocarStatus.holds && trocarShown.status`), 'the view starts');
+    const [x, y] = await browser.middleOf('#player canvas');
+    const [left, top] = await browser.ask(`(r => [r.left, r.top])(document.querySelector('#player canvas').getBoundingClientRect())`);
+    let grip = null;
+    for (let i = 0; i < 49 && !grip; ++i) {
+        const at = [x + 30 * (i % 7 - 3), y + 30 * (Math.floor(i / 7) - 3)];
+        if (await browser.ask(`(trocarShown.view.pickBody(${at[0] - left}, ${at[1] - top}) || {}).body`) === 0) grip = at;
+    }
+    expect(grip && !await browser.ask('trocarShown.injectChoice.hidden'), 'the liver is under the pointer somewhere, and may bleed');
+    const blood = `(f => f ? f.thickness.reduce((s, h, v) => s + h * f.blood[v], 0) : 0)(trocarShown.frames[0].effects.films.get(0))`;
+    await browser.ask(`trocarShown.injectChoice.value = 'bleed'`);
+    await browser.click(...grip);
+    expect(await browser.until(`/^liver bleeds 60 ml.min from/.test(trocarShown.told.textContent)`), 'a click lets it bleed, and the page says so');
+    const before = await browser.ask(blood);
+    expect(await browser.until(`${blood} > ${before} + 2e-4`), 'blood comes');
+    if (process.argv[3]) await browser.picture(join(process.argv[3], 'bleeds.png'));
+    await browser.ask(`trocarShown.injectChoice.value = 'slip'`);
+    await browser.click(...grip);
+    expect(await browser.until(`trocarShown.told.textContent === 'no staple is near'`), 'where no staple is none slips');
+    await click(browser, 'End');
+    expect(await run.ended === 0, 'End ends the run');
+    const again = spawnSync(program, ['run', 'bleed_and_suck', ...wet, '--replay', join(out, 'live.recording')]);
+    expect(again.status === 0, `a replay of all that is the same to the bit ${again.status ? again.stdout + again.stderr : ''}`);
+}
+
 // A laparoscope in the hand: its picture is round, and what it sees moves with the hand.
 async function checkScope(browser, run) {
     expect(await browser.until(`typeof trocarShown === 'object' && globalThis.trocarStatus && trocarStatus.holds`), 'the view starts');
@@ -211,6 +239,7 @@ end(async () => {
     }
     await check('live', ['--live', '--device', 'probe=browser'], checkHand);
     await check('viewer', ['--capture', 'view'], checkViewer);
+    await check('instructor', [], checkInstructor, 'bleed_and_suck');
     await check('scope', [], checkScope, 'laparoscope');
     await check('memory', ['--keep-passes', '200'], checkMemory);
     await check('long', ['--keep-passes', '200', '--figures-only'], checkLong);

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "engine/base/error.hpp"
+#include "systems/app/capture/capture_picture.hpp"
 #include "systems/app/console/format.hpp"
 namespace trocar {
 namespace {
@@ -140,7 +141,7 @@ void FrameRecorder::guarded(const Write& write) {
     }
 }
 
-void FrameRecorder::write(const Kept& kept, uint64_t last_pass, const std::string& reason) {
+void FrameRecorder::write(const Kept& kept, uint64_t last_pass, const std::string& reason, const PictureSnapshot* picture) {
     guarded([&] {
         const std::string word = reason.substr(0, reason.find(' '));
         const auto writer = open(word == "worst" ? "worst.cap" : word + "_" + std::to_string(last_pass) + ".cap", reason);
@@ -150,6 +151,7 @@ void FrameRecorder::write(const Kept& kept, uint64_t last_pass, const std::strin
             for (const CaptureStep& step : stretch->steps)
                 if (step.pass <= last_pass) writer->add(to_record(step));
         }
+        writer->add(picture_record(picture ? *picture : snapshot_of(frame_.world()), frame_.world().meshes, header_.camera, last_pass));
         writer->finish();
     });
 }
@@ -207,7 +209,9 @@ void FrameRecorder::after_pass(const PassFigures& pass) {
         guarded([&] {
             for (OpenRange& range : open_ranges_) {
                 range.writer->add(to_record(step));
-                if (step.pass == range.last) range.writer->finish();
+                if (step.pass != range.last) continue;
+                range.writer->add(picture_record(snapshot_of(w), w.meshes, header_.camera, step.pass));
+                range.writer->finish();
             }
         });
         std::erase_if(open_ranges_, [&](const OpenRange& range) { return range.last == step.pass; });
@@ -239,6 +243,7 @@ void FrameRecorder::look_for_triggers(const CaptureStep& step) {
     if (triggers_.worst && step.frame_ms > worst_ms_) {
         worst_ms_ = step.frame_ms;
         worst_pass_ = step.pass;
+        worst_picture_ = snapshot_of(frame_.world());
         worst_ = kept_;  // shares the stretches; written at the end, once it is known to be the worst
     }
 }
@@ -298,7 +303,8 @@ void FrameRecorder::finish_ranges() {
 
 void FrameRecorder::write_worst() {
     if (worst_.empty()) return;
-    write(worst_, worst_pass_, format("worst pass %llu: %.3f ms", static_cast<unsigned long long>(worst_pass_), worst_ms_));
+    const std::string reason = format("worst pass %llu: %.3f ms", static_cast<unsigned long long>(worst_pass_), worst_ms_);
+    write(worst_, worst_pass_, reason, &worst_picture_);
     worst_.clear();
 }
 

@@ -93,7 +93,7 @@ class FrameRecorder {
     std::shared_ptr<Stretch> free_stretch();
     void drop_old_states();
     void look_for_triggers(const CaptureStep& step);
-    void write(const Kept& kept, uint64_t last_pass, const std::string& reason);
+    void write(const Kept& kept, uint64_t last_pass, const std::string& reason, const PictureSnapshot* picture = nullptr);
     std::unique_ptr<CaptureWriter> open(const std::string& name, const std::string& reason);
     const Frame& frame_;
     CaptureHeader header_;
@@ -106,6 +106,7 @@ class FrameRecorder {
     Kept kept_, worst_;
     double worst_ms_ = 0;
     uint64_t worst_pass_ = 0;
+    PictureSnapshot worst_picture_;  // at the end of that pass
     struct OverPass {
         double ms = 0;
         std::string file;

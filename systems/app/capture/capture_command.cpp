@@ -51,6 +51,9 @@ std::string info_json(const Capture& c, const std::optional<PairFigures>& pair) 
                                {"first_pass", c.stretches.front().pass},
                                {"passes", c.passes()},
                                {"states", c.stretches.size()}};
+    if (!c.picture.png.empty())
+        out["picture"] = {
+            {"pass", c.picture.pass}, {"width", kCapturePictureWidth}, {"height", kCapturePictureHeight}, {"bytes", c.picture.png.size()}};
     if (const CaptureStep* worst = worst_step(c)) {
         if (pair)
             out["worst_pair"] = {{"pair", pair->name}, {"ms", pair->ms}, {"candidate_vertices", pair->vertices}, {"cell_m", pair->cell}};
@@ -83,6 +86,9 @@ void print_info(const Capture& c, const std::optional<PairFigures>& pair) {
     if (pair)
         write_standard_output(format("  its dearest pair: %s: %.3f ms of detection, %.0f candidate vertices, cell %.2f mm\n",
                                      pair->name.c_str(), pair->ms, pair->vertices, pair->cell * 1e3));
+    if (!c.picture.png.empty())
+        write_standard_output(format("  a picture of the end of pass %llu, %u x %u (capture info --picture FILE.png writes it)\n",
+                                     static_cast<unsigned long long>(c.picture.pass), kCapturePictureWidth, kCapturePictureHeight));
     if (!c.damage.empty()) write_standard_output("  incomplete: it " + c.damage + "\n");
 }
 
@@ -203,9 +209,15 @@ void refuse_same(const std::filesystem::path& a, const std::filesystem::path& b)
 
 }  // namespace
 
-int capture_info_command(const std::vector<std::string>& files, bool json) {
+int capture_info_command(const std::vector<std::string>& files, bool json, const std::filesystem::path& picture) {
+    if (!picture.empty() && files.size() > 1) throw InputError("capture info: --picture FILE.png is for one capture");
     for (const std::string& file : files) {
         const Capture capture = open_capture(file);
+        if (!picture.empty()) {
+            refuse_same(picture, file);
+            if (capture.picture.png.empty()) throw InputError(file + ": has no picture");
+            write_whole_file(picture, std::string(capture.picture.png.begin(), capture.picture.png.end()));
+        }
         std::optional<PairFigures> pair;
         CommandPool pool(0);
         if (const CaptureStep* worst = worst_step(capture)) pool.run([&] { pair = dearest_pair(capture, *worst); });

@@ -249,6 +249,9 @@ std::string capture_page(const Capture& capture) {
     std::string facts = "<h1>" + escape_html(h.scene) + "</h1><p>Captured by trocar " + escape_html(h.version) + " (" +
                         escape_html(h.reason) + ") on " + escape_html(h.machine) + ", " + std::to_string(capture.passes()) + " passes" +
                         (capture.damage.empty() ? "" : "; incomplete: it " + escape_html(capture.damage)) + ".</p>\n";
+    if (const std::vector<uint8_t>& png = capture.picture.png; !png.empty())
+        facts += "<p><img alt=\"picture\" src=\"data:image/png;base64," + base64(png) + "\"><br>The end of pass " +
+                 std::to_string(capture.picture.pass) + ", in the capture.</p>\n";
     return html_page(h.scene, facts + (recorder ? player_section(*recorder, h.scene, h.camera) : "<p>It holds no pass.</p>"));
 }
 

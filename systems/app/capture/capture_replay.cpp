@@ -22,6 +22,8 @@ void add_record(const CaptureRecord& record, Capture& capture) {
         stretch.steps.push_back(read_step(record));
         if (stretch.steps.back().pass != stretch.pass + stretch.steps.size() - 1)
             throw InputError("record step: passes are not consecutive");
+    } else if (record.kind == "picture") {
+        capture.picture = read_picture(record);
     }
 }
 

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "systems/app/capture/capture.hpp"
+#include "systems/app/capture/capture_picture.hpp"
 namespace trocar {
 
 // A capture as read from disk: states, each with the passes that start from it.
@@ -17,7 +18,8 @@ struct Capture {
     CaptureHeader header;
     CaptureRecord scene;
     std::vector<Stretch> stretches;
-    std::string damage;  // empty = complete
+    CapturePicture picture;  // empty in captures of older versions, and in unfinished ones
+    std::string damage;      // empty = complete
     std::string file;
     size_t passes() const;
 };

@@ -277,10 +277,12 @@ void add_convert(CLI::App& app, int& code) {
 
 void add_view(CLI::App& app, int& code) {
     const auto o = std::make_shared<ViewOptions>();
-    CLI::App* view = app.add_subcommand("view", "Draw a mesh or a shape: textured, lit, fitted to the picture");
-    view->add_option("meshes", o->sources, "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each")->required();
+    CLI::App* view = app.add_subcommand("view", "Draw a mesh or a shape: textured, lit, fitted to the picture; or make the page that plays a recorded run or capture");
+    view->add_option("meshes", o->sources, "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each; or one CAPTURE.cap, live.recording or folder of a run")
+        ->required();
     add_root(view, o->roots);
-    view->add_option("--out", o->out, "PNG to write")->required();
+    view->add_option("--out", o->out, "PNG to write; of a recording the page (default: beside it)");
+    view->add_option("--scene", o->scene, "Scene of a recording; default: the one that metrics.json beside it names");
     const auto take_size = [o](const std::string& text) { parse_size(text, o->width, o->height); };
     view->add_option_function<std::string>("--size", take_size, "WIDTHxHEIGHT in pixels (default 1024x768)");
     view->add_option("--azimuth", o->azimuth, "Degrees about the up axis; 0 = seen from +x, -90 from -y");
@@ -289,7 +291,10 @@ void add_view(CLI::App& app, int& code) {
     view->add_flag("--wireframe", o->wireframe, "Edges drawn over the surface");
     view->add_flag("--sheet", o->sheet, "Front, side, top and oblique view in one picture");
     run_with(view, code, o, view_command);
-    view->footer("Example: trocar view shape:gallbladder:10000 --sheet --out gallbladder.png");
+    view->footer(
+        "Example: trocar view shape:gallbladder:10000 --sheet --out gallbladder.png\n"
+        "         trocar view out/grasp_by_hand\n"
+        "         trocar view out/k/captures/worst.cap --out worst.html");
 }
 
 void add_organ(CLI::App& app, int& code) {
@@ -365,9 +370,9 @@ void add_soak(CLI::App& app, int& code) {
     soak->add_option("--seconds", o->seconds, "Simulated time of an episode, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
     soak->add_option("--faults", o->faults,
                      "Faults injected into every third episode, in turn: nan, blast (absurd velocities), pause (200 ms between two passes, "
-                     "which must change nothing)")
+                     "which must change nothing), dropout (no new place of the hands for 12 passes), jump (their clocks go forward by 0.25 s)")
         ->delimiter(',')
-        ->check(CLI::IsMember({"nan", "blast", "pause"}));
+        ->check(CLI::IsMember({"nan", "blast", "pause", "dropout", "jump"}));
     soak->add_option(
             "--hands", o->hands,
             "Seed: every two episodes hands leave their paths by other smooth random ways, up to 5 mm; both episodes must end in the "
@@ -533,7 +538,9 @@ void add_capture(CLI::App& app, int& code) {
     const auto json = std::make_shared<bool>(false);
     info->add_option("files", *files, "Captures")->required();
     info->add_flag("--json", *json, "One JSON object per line");
-    info->callback([&code, files, json] { code = capture_info_command(*files, *json); });
+    const auto picture = std::make_shared<std::filesystem::path>();
+    info->add_option("--picture", *picture, "PNG to write: the picture in the capture, of its last pass");
+    info->callback([&code, files, json, picture] { code = capture_info_command(*files, *json, *picture); });
     CLI::App* diff =
         capture->add_subcommand("diff", "First difference of two captures: array, row, body, both values; exit code 1 when there is one");
     diff->add_option("files", *files, "Two captures")->required()->expected(2);

@@ -19,6 +19,8 @@ struct Episode {
     double pass_s = 0;        // all passes together
     uint64_t passes = 0, hash = 0;
     bool with_fault = false;  // a fault was injected that may change the result
+    bool of_device = false;   // of a hand's device: nothing else is excused
+    double over_force = 0;    // N, by which a force on a hand was above what its device bears
 };
 
 struct Soak {

@@ -62,6 +62,29 @@ uint32_t open_descriptors() {
     return count;
 }
 
+// Faults of the hands' devices: `dropout`, no new place for kDropOut passes, then where the hand has come meanwhile; `jump`, a clock
+// that goes forward by kClockJump, and the hand with it.
+constexpr uint64_t kDropOut = 12;        // passes: 0.2 s at 60 Hz
+constexpr double kClockJump = 0.25;      // s
+constexpr double kForceRounding = 1e-9;  // N
+bool is_of_device(const std::string& fault) { return fault == "dropout" || fault == "jump"; }
+
+// Hands do what they would have done by `seconds` earlier.
+void delay_hands(double seconds, World& world) {
+    for (const HandTool& tool : world.haptics.tool) {
+        if (tool.path == kNone) continue;
+        const Range keys = world.paths.keys[tool.path];
+        for (uint32_t k = keys.first; k < keys.end(); ++k) world.paths.key[k].time += seconds;
+    }
+}
+
+double force_over_limits(const Haptics& haptics) {
+    double over = 0;
+    for (size_t t = 0; t < haptics.state.size(); ++t)
+        over = std::max(over, haptics.state[t].output.force.norm() - haptics.tool[t].max_force - kForceRounding);
+    return over;
+}
+
 // Injects a fault into a running world.
 void inject(const std::string& fault, World& world) {
     if (fault == "pause") {
@@ -124,20 +147,23 @@ class Soaker {
         load_resources(start_, ResourceKind::kAccounts, world);
         if (options_.hands >= 0) stray(paths_, static_cast<uint64_t>(options_.hands) + number / 2, world);
         if (recorder_) options_.hands >= 0 ? recorder_->constants_changed() : recorder_->forget();
+        const Paths paths = world.paths;
         Episode e;
         const bool has_fault = !options_.faults.empty() && number % kFaultPeriod == kFaultPeriod - 1;
         // in turn: a second fault in the same pass would go unnoticed
         const std::string fault = has_fault ? options_.faults[number / kFaultPeriod % options_.faults.size()] : "";
         e.with_fault = has_fault && fault != "pause";  // a pause must change nothing
+        e.of_device = is_of_device(fault);
         const double end_tick = seconds_ * 1000;
         const auto middle = static_cast<uint64_t>(0.5 * seconds_ * world.clock.contact_rate);  // pass at half time
         std::vector<double> pass_ms, tick_us;
         double largest_energy = 0, largest_balance = 0;
         while (static_cast<double>(world.clock.tick) < end_tick && soak.broken.empty() && stop_signal() == 0) {
-            if (has_fault && e.passes == middle) {
+            if (has_fault && e.passes == middle) ++soak.faults;
+            if (e.of_device)
+                disturb_hands(fault, e.passes, middle, paths);
+            else if (has_fault && e.passes == middle)
                 inject(fault, world);
-                ++soak.faults;
-            }
             if (recorder_) recorder_->before_pass();
             const uint64_t begin = now_ns();
             frame_.step();
@@ -148,6 +174,7 @@ class Soaker {
             e.pass_s += 1e-3 * pass.frame_ms;
             for (const uint64_t ns : frame_.times().tick_ns) tick_us.push_back(static_cast<double>(ns) * 1e-3);
             e.residual_mm = std::max(e.residual_mm, world.report.deepest_residual * 1e3);
+            e.over_force = std::max(e.over_force, force_over_limits(world.haptics));
             const Energy& energy = world.energy;
             largest_energy = std::max({largest_energy, energy.elastic, energy.kinetic, std::abs(energy.work_hand)});
             // a potential energy is known only to its rounding
@@ -156,6 +183,7 @@ class Soaker {
                 soak.broken = "particles: " + std::to_string(lost) + " are not finite after pass " + std::to_string(world.clock.pass - 1);
             ++e.passes;
         }
+        if (e.of_device) restore_hands(paths);
         e.energy_share = std::max(0.0, largest_balance) / std::max(largest_energy, kLeastEnergy);
         e.median_ms = quantile(pass_ms, 0.5), e.p99_ms = quantile(pass_ms, 0.99), e.worst_ms = quantile(pass_ms, 1);
         e.tick_p99_us = quantile(tick_us, 0.99);
@@ -166,6 +194,17 @@ class Soaker {
     }
 
  private:
+    void disturb_hands(const std::string& fault, uint64_t pass, uint64_t middle, const Paths& paths) {
+        const double period = 1e-3 * frame_.world().clock.period;
+        if (fault == "jump" && pass == middle) delay_hands(-kClockJump, frame_.world());
+        if (fault == "dropout" && pass >= middle && pass < middle + kDropOut) delay_hands(period, frame_.world());
+        if (fault == "dropout" && pass == middle + kDropOut) return restore_hands(paths);
+        if (recorder_ && pass >= middle && pass < middle + kDropOut) recorder_->constants_changed();
+    }
+    void restore_hands(const Paths& paths) {
+        frame_.world().paths = paths;
+        if (recorder_) recorder_->constants_changed();
+    }
     const SoakOptions& options_;
     Frame& frame_;
     double seconds_;
@@ -311,8 +350,10 @@ std::vector<std::string> not_judged(const Soak& soak, const Drifts& drifts) {
 }
 
 void judge_episode(const Episode& e, const Episode& first, Soak& soak) {
-    if (!soak.broken.empty() || e.with_fault) return;
-    if (e.hash != first.hash) {
+    if (!soak.broken.empty() || (e.with_fault && !e.of_device)) return;
+    if (e.over_force > 0) {
+        soak.broken = format("force: %.3f N more on a hand than its device bears", e.over_force);
+    } else if (!e.with_fault && e.hash != first.hash) {
         soak.broken = format("hash: an episode ended in %016llx, the first in %016llx", static_cast<unsigned long long>(e.hash),
                              static_cast<unsigned long long>(first.hash));
     } else if (e.lost > 0) {

@@ -3,6 +3,7 @@
 
 #include "engine/base/error.hpp"
 #include "engine/files/image_file.hpp"
+#include "systems/app/commands/view_recording.hpp"
 #include "systems/app/console/commands.hpp"
 #include "systems/app/console/load_file.hpp"
 #include "systems/app/console/standard_streams.hpp"
@@ -10,6 +11,9 @@
 namespace trocar {
 
 int view_command(const ViewOptions& options) {
+    if (options.sources.size() == 1 && is_recording(options.sources.front())) return view_recording(options);
+    if (!options.scene.empty()) throw InputError("--scene is for one recording or folder of a run");
+    if (options.out.empty()) throw InputError("--out PICTURE.png is needed");
     if (uint64_t(options.width) * options.height > kImagePixelLimit) {
         throw InputError("--size: more than " + std::to_string(kImagePixelLimit) + " pixels");
     }

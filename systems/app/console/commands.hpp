@@ -36,6 +36,7 @@ struct RunOptions {
     bool figures_only = false;       // write only metrics.json and passes.csv
     uint32_t export_every = 0;       // write every body as OBJ with every n-th picture; 0 = only at the end
     bool json = false;               // print metrics.json to standard output
+    bool tells = true;               // print a summary, without json
     double slow_render_ms = 0;       // live: delays every picture, to show that no other thread waits for drawing
 };
 int run_command(const RunOptions& options);
@@ -84,9 +85,10 @@ struct ConvertOptions {
 int convert_command(const ConvertOptions& options);
 
 struct ViewOptions {
-    std::vector<std::string> sources;  // files or shapes, see load_mesh_or_shape
+    std::vector<std::string> sources;  // files or shapes, see load_mesh_or_shape; or one capture, recording or folder of a run
     FileRoots roots;
-    std::filesystem::path out;  // PNG
+    std::filesystem::path out;  // PNG; of what was recorded a page with the player, empty = beside it
+    std::string scene;          // of a recording, instead of the one that its run's metrics.json names
     uint32_t width = 1024, height = 768;
     double azimuth = -60, elevation = 28;  // degrees, see Camera
     char up = 'z';
@@ -145,7 +147,8 @@ struct CaptureExportOptions {
     uint32_t threads = 0;
 };
 int capture_export_command(const CaptureExportOptions& options);
-int capture_info_command(const std::vector<std::string>& files, bool json);
+// `picture`: where the picture of the one file goes; empty = nowhere.
+int capture_info_command(const std::vector<std::string>& files, bool json, const std::filesystem::path& picture);
 int capture_diff_command(const std::string& a, const std::string& b);
 
 int scenes_command(bool json);

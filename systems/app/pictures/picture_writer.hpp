@@ -26,6 +26,7 @@ class PictureWriter {
     // Makes the film from the files. Its name in the folder, empty if there is none; warns when it failed.
     std::string finish_film() const;
     const std::vector<std::string>& files() const { return files_; }
+    const Image& image() const { return image_; }  // drawn last
 
  private:
     void draw(const PictureSnapshot& snapshot);

@@ -289,6 +289,7 @@ void put_inspection(std::vector<uint8_t>& out, const World& w, const Vec3d& orig
 PlayerCoder::PlayerCoder(const Frame& frame, bool with_cells)
     : with_cells_(with_cells),
       has_links_(frame.world().links.group.capacity() > 0),
+      has_effects_(PlayerEffects::are_in(frame.world())),
       stages_(frame.stage_names()),
       tools_(frame.world().haptics.tool),
       order_(frame.world().tears.order),
@@ -342,6 +343,7 @@ PlayerFrame PlayerCoder::next(const Frame& frame, std::span<const uint64_t> stag
     put_contacts(out.findings, w, origin_, limits_);
     put_tools(out.findings, w.haptics, origin_, limits_);
     put_links(out.findings, w, origin_);
+    if (has_effects_) effects_.put(out.findings, w, origin_, kPointStep);
     if (with_cells_) put_cells(out.findings, w.occupancy, origin_), put_inspection(out.findings, w, origin_);
     newest_ = {out.time, out.cost_us, out.pass, {}, {}, out.findings};
     return out;
@@ -427,6 +429,8 @@ std::vector<uint8_t> PlayerCoder::start(const std::string& scene, const Camera& 
     header["point_step"] = kPointStep, header["depth_step"] = kDepthStep, header["force_step"] = kForceStep;
     header["turn_step"] = kTurnStep, header["normal_step"] = kNormalStep, header["origin"] = list(origin_), header["cells"] = with_cells_,
     header["links"] = has_links_, header["stages"] = stages_;
+    if (has_effects_)
+        header["effects"] = {{"film_step", PlayerEffects::kFilmStep}, {"rise_step", PlayerEffects::kRiseStep}, {"up", list(effects_.up())}};
     header["limits"] = {{"depth", limits_.depth}, {"push", limits_.push}, {"hand", limits_.hand}, {"pair", limits_.pair}};
     header["camera"] = {{"orbit", camera.kind == CameraKind::kOrbit},
                         {"target", list(camera.target - origin_)},

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "components/picture.hpp"
-#include "systems/frame/frame.hpp"
+#include "systems/app/player/player_effects.hpp"
 namespace trocar {
 
 // Everything that the player shows of one moment, coded as page/data.js reads it.
@@ -15,7 +15,7 @@ struct PlayerFrame {
     uint64_t pass = 0;              // passes made so far
     std::vector<uint8_t> moves;     // every body: its state, and the steps of its coordinates since the frame before
     std::vector<uint8_t> surfaces;  // triangles of bodies torn since the frame before
-    std::vector<uint8_t> findings;  // of the last pass: costs of stages and pairs, contacts, tools; cells, if asked for
+    std::vector<uint8_t> findings;  // of the last pass: costs of stages and pairs, contacts, tools, effects; cells, if asked for
     size_t bytes() const { return moves.size() + surfaces.size() + findings.size(); }
 };
 
@@ -67,7 +67,8 @@ class PlayerCoder {
     void add_meshes(const World& world);
     void add_moves(const World& world, PlayerFrame& out);
     void add_surfaces(const World& world, PlayerFrame& out);
-    bool with_cells_, has_links_ = false;
+    bool with_cells_, has_links_ = false, has_effects_ = false;
+    PlayerEffects effects_;
     std::vector<std::string> stages_;
     PlayerLimits limits_;
     Vec3d origin_;

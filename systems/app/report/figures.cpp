@@ -220,6 +220,8 @@ std::string metrics_json(const RunFigures& f) {
     const ContactColumns c = contact_columns(f);
     json j;
     j["scene"] = f.scene;
+    if (!f.scene_file.empty()) j["scene_file"] = f.scene_file;
+    for (const auto& [key, value] : f.overridden) j["set"].push_back({key, value});
     j["version"] = f.version;
     j["instruction_set"] = f.instruction_set;
     j["machine"] = f.machine;

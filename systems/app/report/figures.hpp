@@ -113,6 +113,8 @@ struct ToolFigures {
 // Everything measured in a run; input of metrics.json and report.html.
 struct RunFigures {
     std::string scene, description, version, instruction_set, machine, started;
+    std::string scene_file;                              // its path, or its name among those that come with the program
+    std::vector<std::array<std::string, 2>> overridden;  // keys of it and the values they were given
     uint32_t threads = 1;
     bool live = false;
     uint64_t state_hash = 0;

@@ -244,7 +244,11 @@ void heed_viewers(const RunParts& run, LiveRecording* recording) {
             continue;
         }
         const bool sets = command.kind == ViewCommand::Kind::kSet;
-        if (sets) run.view->tell(command.key + " = " + command.value + format(" from %.3f s on", 1e-3 * static_cast<double>(w.clock.tick)));
+        const std::string from = format(" from %.3f s on", 1e-3 * static_cast<double>(w.clock.tick));
+        if (sets) run.view->tell(command.key + " = " + command.value + from);
+        if (command.kind == ViewCommand::Kind::kBleed)
+            run.view->tell(w.bodies.name[command.body] + format(" bleeds %.0f ml/min", 6e7 * command.rate) + from);
+        if (command.kind == ViewCommand::Kind::kSlip) run.view->tell("the staple holds no more" + from);
         if (run.recorder) sets || command.kind == ViewCommand::Kind::kGrab ? run.recorder->constants_changed() : run.recorder->forget();
         if (recording) recording->command.push_back(std::move(command));
     }

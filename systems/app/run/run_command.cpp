@@ -64,6 +64,9 @@ bool too_many_to_export(const World& world) {
 
 void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& frame, const RunOptions& options, RunFigures& figures) {
     figures.scene = file.settings.name;
+    std::error_code error;
+    figures.scene_file = fs::exists(options.scene, error) ? fs::absolute(options.scene).string() : options.scene;
+    for (const Override& o : options.overrides) figures.overridden.push_back({o.key, o.value});
     figures.description = file.settings.description;
     figures.version = program_version();
     figures.instruction_set = instruction_set();
@@ -576,7 +579,7 @@ int tell_of_run(const RunOptions& options, const RunFigures& figures) {
     if (!ruin.empty()) std::fprintf(stderr, "trocar: warning: the simulation broke: %s\n", ruin.c_str());
     if (options.json)
         write_standard_output(metrics_json(figures));
-    else
+    else if (options.tells)
         print_summary(figures, options.out, options.figures_only);
     const bool devices_heard = tell_of_devices(figures);
     if (figures.stopped_by != 0) {

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "engine/base/error.hpp"
+#include "engine/fluid/film_setup.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/mesh/mass_properties.hpp"
 #include "engine/mesh/surfaces.hpp"
@@ -68,6 +70,7 @@ bool ViewerActions::is_marked(std::string_view key) {
 
 void ViewerActions::make_room(World& world) {
     Links& l = world.links;
+    if (!world.fluids.body.empty()) world.fluid_state.edge.reserve(world.fluid_state.edge.capacity() + kVessels);
     if (world.particles.offset.empty()) return;
     const size_t links = l.node.capacity() + kNodes;
     l.group.reserve(l.group.capacity() + 1);
@@ -111,6 +114,12 @@ void ViewerActions::obey(const ViewCommand& command, Frame& frame, RunWatch* wat
             break;
         case ViewCommand::Kind::kLet:
             let_go(w);
+            break;
+        case ViewCommand::Kind::kBleed:
+            open_vessel(command.body, command.point, command.rate, w);
+            break;
+        case ViewCommand::Kind::kSlip:
+            slip_staple(command.point, w);
             break;
     }
 }
@@ -163,6 +172,51 @@ void ViewerActions::grab(uint32_t body, const Vec3d& point, World& w) {
     update_link_limits(w.bodies, w.solids, w.particles, scratch, w.links);
     body_ = body, links_ = made, goal_ = hand_ = point;
     wake_held(w, body);
+}
+
+// At both ends of the edge whose vertices are nearest to the point.
+void ViewerActions::open_vessel(uint32_t body, const Vec3d& point, double rate, World& w) {
+    if (body >= w.bodies.mesh.size()) throw InputError("there is no body " + std::to_string(body));
+    const std::string name = "\"" + w.bodies.name[body] + "\"";
+    const uint32_t film = find_film(w.fluids, body);
+    if (film == kNone) throw InputError(name + " is never wet: [fluid] bodies of its scene does not name it");
+    if (w.fluid_state.edge.size() >= w.fluid_state.edge.capacity()) throw InputError("there is no room for more bleeding");
+    const Surfaces s = surfaces_of(w);
+    const Range triangles = w.meshes.info[w.bodies.mesh[body]].triangles;
+    BleedingEdge edge{film, kNone, kNone, rate};
+    double least = kNear, sum = std::numeric_limits<double>::infinity();
+    for (uint32_t t = triangles.first; t < triangles.end(); ++t) {
+        const Triangle& corner = w.meshes.triangle[t];
+        for (size_t k = 0; k < 3; ++k) {
+            const uint32_t a = corner[k], b = corner[(k + 1) % 3];
+            const double at_a = (vertex_position(s, body, a) - point).norm(), at_b = (vertex_position(s, body, b) - point).norm();
+            if (!(std::min(at_a, at_b) <= least) || !(at_a + at_b < sum)) continue;
+            edge.a = a, edge.b = b, sum = at_a + at_b;
+        }
+    }
+    if (edge.a == kNone) throw InputError(name + ": no surface is near");
+    w.fluid_state.edge.push_back(edge);
+}
+
+void ViewerActions::slip_staple(const Vec3d& point, World& w) {
+    std::vector<ToolStaple>& staples = w.action_state.staple;
+    size_t nearest = staples.size();
+    double least = kNear;
+    for (size_t i = 0; i < staples.size(); ++i) {
+        const uint32_t index = find_link_group(w.links, staples[i].group);
+        if (index == kNone || w.links.group[index].links.count == 0) continue;
+        const LinkGroup& g = w.links.group[index];
+        const double away = (place_of_node(w, g.body, w.links.node[g.links.first]) - point).norm();
+        if (away <= least) least = away, nearest = i;
+    }
+    if (nearest == staples.size()) throw InputError("no staple is near");
+    const LinkGroup& g = w.links.group[find_link_group(w.links, staples[nearest].group)];
+    for (const uint32_t body : {g.body, g.holder})
+        if (body != kNone) wake_held(w, body);
+    free_link_group(w.links, staples[nearest].group, w.energy);
+    staples.erase(staples.begin() + static_cast<ptrdiff_t>(nearest));
+    LinkScratch scratch;
+    update_link_limits(w.bodies, w.solids, w.particles, scratch, w.links);
 }
 
 void ViewerActions::let_go(World& w) {

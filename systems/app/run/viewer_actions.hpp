@@ -15,15 +15,20 @@ namespace trocar {
 // once a pass, of values at its end (Catto, Soft Constraints, GDC 2011): stable for any mass. Other bodies cannot be held. The hand
 // follows its goal at kFastest, and no farther from the body than where it pulls with kStrongest. What the hand does is in
 // Energy::work_hand: of links the change of their energy when the hand moves, of a rigid body that of its energy of motion.
+//
+// An instructor lets a wet body bleed, as an edge that a cut has opened does, and lets a staple slip, as one that was pulled out; nobody
+// counts it as pulled out.
 class ViewerActions {
  public:
     static constexpr uint32_t kNodes = 16;
     static constexpr double kStiffness = 300;  // N/m: that of a patch of liver (E = 10 kPa, 30 mm across), so that both give way alike
     static constexpr double kStrongest = 20;   // N: what an instrument bears in surgery
     static constexpr double kFastest = 0.5;    // m/s: what a hand in surgery reaches
+    static constexpr uint32_t kVessels = 64;   // that an instructor may open, besides those that cuts open
+    static constexpr double kNear = 0.01;      // m, from the point: where a vessel or a staple is looked for
 
-    // Room for the links of a hand, so that the frame has the stages that move them. Before the frame is made; without a hand the run
-    // has the same bits as without room.
+    // Room for the links of a hand, so that the frame has the stages that move them, and for vessels that open. Before the frame is made;
+    // without a hand the run has the same bits as without room.
     static void make_room(World& world);
 
     // Throws InputError, with nothing changed, for what this run cannot do.
@@ -38,6 +43,8 @@ class ViewerActions {
 
  private:
     void grab(uint32_t body, const Vec3d& point, World& world);
+    void open_vessel(uint32_t body, const Vec3d& point, double rate, World& world);
+    void slip_staple(const Vec3d& point, World& world);
     void let_go(World& world);
     void move_links(World& world, const Vec3d& by);
     void pull_rigid(World& world, double seconds);

@@ -79,7 +79,7 @@ void LiveView::obey(uint32_t client, const std::string& text) {
     if (what == "reset") reset_ = true;
     if (what == "end") ended_ = true;
     if (what == "capture") capture_ = captures_.load();
-    if (what == "set" || what == "grab" || what == "pull" || what == "let") add_command(text);
+    if (what == "set" || what == "grab" || what == "pull" || what == "let" || what == "bleed" || what == "slip") add_command(text);
     if (what == "speed") {
         const double speed = number_in(message, "value").value_or(1);
         if (speed >= kSlowest && speed <= kFastest) speed_ = speed;

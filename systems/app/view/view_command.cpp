@@ -9,9 +9,13 @@
 namespace trocar {
 namespace {
 
-constexpr std::array<const char*, 4> kCommandWords{"set", "grab", "pull", "let"};
-constexpr size_t kLongestKey = 200;       // characters, of a key or a value
-constexpr double kFarthestCommand = 1e6;  // m, of a coordinate
+constexpr std::array<const char*, 6> kCommandWords{"set", "grab", "pull", "let", "bleed", "slip"};
+constexpr size_t kLongestKey = 200;        // characters, of a key or a value
+constexpr double kFarthestCommand = 1e6;   // m, of a coordinate
+constexpr double kFastestBleeding = 1e-4;  // m^3/s: more than a heart gives, 5 l/min
+
+bool has_body(ViewCommand::Kind kind) { return kind == ViewCommand::Kind::kGrab || kind == ViewCommand::Kind::kBleed; }
+bool has_point(ViewCommand::Kind kind) { return kind != ViewCommand::Kind::kSet && kind != ViewCommand::Kind::kLet; }
 
 const nlohmann::json& member(const nlohmann::json& object, const char* key) {
     const auto found = object.find(key);
@@ -51,8 +55,9 @@ Vec3d point_in(const nlohmann::json& object, const char* key) {
 std::string text_of(const ViewCommand& c) {
     nlohmann::json text{{"pass", c.pass}, {"do", kCommandWords[static_cast<size_t>(c.kind)]}};
     if (c.kind == ViewCommand::Kind::kSet) text["key"] = c.key, text["value"] = c.value;
-    if (c.kind == ViewCommand::Kind::kGrab) text["body"] = c.body;
-    if (c.kind == ViewCommand::Kind::kGrab || c.kind == ViewCommand::Kind::kPull) text["point"] = {c.point.x(), c.point.y(), c.point.z()};
+    if (has_body(c.kind)) text["body"] = c.body;
+    if (c.kind == ViewCommand::Kind::kBleed) text["rate"] = c.rate;
+    if (has_point(c.kind)) text["point"] = {c.point.x(), c.point.y(), c.point.z()};
     return text.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
@@ -66,8 +71,13 @@ ViewCommand read_view_command(const std::string& text) {
     c.kind = static_cast<ViewCommand::Kind>(at - kCommandWords.begin());
     if (object.contains("pass")) c.pass = count_in(object, "pass", uint64_t{1} << 53);
     if (c.kind == ViewCommand::Kind::kSet) c.key = text_in(object, "key"), c.value = text_in(object, "value");
-    if (c.kind == ViewCommand::Kind::kGrab) c.body = static_cast<uint32_t>(count_in(object, "body", 0xfffffffeu));
-    if (c.kind == ViewCommand::Kind::kGrab || c.kind == ViewCommand::Kind::kPull) c.point = point_in(object, "point");
+    if (has_body(c.kind)) c.body = static_cast<uint32_t>(count_in(object, "body", 0xfffffffeu));
+    if (has_point(c.kind)) c.point = point_in(object, "point");
+    if (c.kind == ViewCommand::Kind::kBleed) {
+        const nlohmann::json& rate = member(object, "rate");
+        c.rate = rate.is_number() ? rate.get<double>() : 0;
+        if (!(c.rate > 0 && c.rate <= kFastestBleeding)) throw InputError("a command whose \"rate\" is no flow of blood in m^3/s");
+    }
     return c;
 }
 

@@ -1,7 +1,8 @@
 // Colours of bodies by what the viewer asks for. Linear RGB.
 import {Color} from 'three';
 
-const linearOf = Float32Array.from({length: 256}, (_, i) => new Color(i / 255, 0, 0).convertSRGBToLinear().r);
+export const linearOf = Float32Array.from({length: 256}, (_, i) => new Color(i / 255, 0, 0).convertSRGBToLinear().r);
+const coagulated = [0.62, 0.55, 0.44];  // as engine/draw/gl_shaders.hpp
 const calm = [0.42, 0.44, 0.47], asleep = [0.13, 0.2, 0.42], still = [0.25, 0.26, 0.28], awake = [0.75, 0.33, 0.12];
 
 // A contact's point: darker the more it pushes; pale blue where it carries nothing.
@@ -76,8 +77,11 @@ export function painter(mode, recording, frame, limits) {
     };
     return (body, source, out) => {
         if (mode === 'material') {
-            const {looks} = meshes[header.bodies[body].mesh], plain = lookOf(header, body);
-            source.forEach((v, i) => { for (let k = 0; k < 3; ++k) out[3 * i + k] = looks ? looks[3 * v + k] : plain[k]; });
+            const {looks} = meshes[header.bodies[body].mesh], plain = lookOf(header, body), burnt = frame.effects && frame.effects.burns.get(body);
+            source.forEach((v, i) => {
+                const share = burnt ? burnt[v] : 0;
+                for (let k = 0; k < 3; ++k) out[3 * i + k] = (1 - share) * (looks ? looks[3 * v + k] : plain[k]) + share * coagulated[k];
+            });
             return;
         }
         const own = mode === 'depth' ? depths.get(body) : null, plain = mode === 'depth' ? calm : flat(body, frame.bodies[body]);

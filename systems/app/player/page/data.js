@@ -80,7 +80,7 @@ class Frame {
         return Frame.kept;
     }
 }
-for (const name of ['stages', 'pairs', 'contactsFound', 'contacts', 'tools', 'links', 'cellsFound', 'cellSize', 'cellOrigin', 'cells', 'inspection'])
+for (const name of ['stages', 'pairs', 'contactsFound', 'contacts', 'tools', 'links', 'effects', 'cellsFound', 'cellSize', 'cellOrigin', 'cells', 'inspection'])
     Object.defineProperty(Frame.prototype, name, {get() { return this.found[name]; }});
 
 function readFrame(r, header, meshes, before) {
@@ -103,6 +103,31 @@ function readInspection(r) {
     };
 }
 
+// One number a vertex; of zeros one, and how many more follow.
+function readSparse(r) {
+    const values = new Uint32Array(r.number());
+    for (let v = 0; v < values.length; ++v)
+        if ((values[v] = r.number()) === 0) v += r.number();
+    return values;
+}
+
+// What pictures show besides bodies. Of wet bodies per vertex: thickness and height of the liquid (m), how level it stands and
+// its share of blood (0 to 1); of burnt ones the share of tissue that has coagulated.
+function readEffects(r, header) {
+    const {film_step: filmStep, rise_step: riseStep} = header.effects, at = [0, 0, 0];
+    const place = () => at.map((_, k) => (at[k] += r.signed()) * header.point_step), colour = () => [...r.bytes.subarray(r.at, r.at += 3)];
+    const lines = r.times(r.number(), () => { const count = r.number(); return {radius: r.float(), colour: colour(), points: r.times(count, place)}; });
+    const balls = r.times(r.number(), () => ({point: place(), radius: r.float(), colour: colour()}));
+    const puffs = r.times(r.number(), () => ({point: place(), spread: r.float(), extinction: r.float()}));
+    const films = new Map(r.times(r.number(), () => {
+        const body = r.number(), steps = readSparse(r), column = read => { const out = new Float32Array(steps.length); steps.forEach((s, v) => { if (s > 0) out[v] = read(); }); return out; };
+        const rise = column(() => r.signed() * riseStep), level = column(() => r.bytes[r.at++] / 255), blood = column(() => r.bytes[r.at++] / 255);
+        return [body, {thickness: Float32Array.from(steps, s => s * filmStep), rise, level, blood}];
+    }));
+    const burns = new Map(r.times(r.number(), () => [r.number(), Float32Array.from(readSparse(r), s => s / 255)]));
+    return {lines, balls, puffs, films, burns};
+}
+
 function readFindings(r, header) {
     const found = {};
     found.stages = r.times(r.number(), () => r.number() * 1e-3);  // ms
@@ -111,6 +136,7 @@ function readFindings(r, header) {
     found.contacts = readContacts(r, header);
     found.tools = r.times(r.number(), () => ({device: r.vector(), proxy: r.vector(), force: r.vector()}));
     found.links = r.times(r.number(), () => [r.vector(), r.vector()]);
+    if (header.effects) found.effects = readEffects(r, header);
     if (!header.cells) return found;
     found.cellsFound = r.number();
     const count = r.number();

@@ -4,6 +4,7 @@ import {Player, element} from './player.js';
 
 const handPeriod = 8;  // ms between two places of the hand
 const openGrip = 0.5;  // rad
+const bleeding = 1e-6; // m^3/s, 60 ml/min, of a vessel that an instructor opens
 const marked = ['gravity', 'contact.tolerance', 'contact.push_speed', 'contact.iterations', 'substep', 'body.tissue.friction', 'body.tissue.damping', 'body.tissue.restitution'];
 const again = 1000;    // ms, until the next try to connect
 
@@ -27,6 +28,8 @@ class LivePlayer extends Player {
         this.holdButton = button('Take over', 'be the one whose buttons count', say('hold'));
         this.stateText = element('output');
         this.dragBox = element('input', {type: 'checkbox'});
+        this.injectChoice = element('select', {title: 'an instructor: choose, then click on where it happens', hidden: !this.recording.header.effects});
+        for (const [value, textContent] of [['', 'let happen ...'], ['bleed', 'a bleeding (60 ml/min)'], ['slip', 'a slipped staple']]) this.injectChoice.append(element('option', {value, textContent}));
         this.captureButton = button('Capture', 'write the last passes to a .cap file', say('capture')), this.captureButton.hidden = true;
         this.setKey = element('input', {size: 18, placeholder: 'gravity', title: 'a parameter that may be changed while the run lasts'});
         this.setKey.setAttribute('list', 'marked');
@@ -38,7 +41,7 @@ class LivePlayer extends Player {
         return element('div', {className: 'bar'}, this.play, button('Step', 'right arrow', say('step')), this.speedChoice, this.clock,
                        button('Start again', 'from the first pass', say('reset')), button('End', 'end the run: its results are written', say('end')),
                        button('Reset view', '', () => this.view.home()), this.handLabel,
-                       element('label', {title: 'pull at a soft or free body with the mouse; also with Shift held'}, this.dragBox, ' drag bodies'),
+                       element('label', {title: 'pull at a soft or free body with the mouse; also with Shift held'}, this.dragBox, ' drag bodies'), this.injectChoice,
                        this.captureButton, names, this.setKey, this.setValue, set, this.holdButton, this.stateText, this.told);
     }
     toggle() { this.send({do: this.status && this.status.paused ? 'play' : 'pause'}); }
@@ -74,6 +77,14 @@ class LivePlayer extends Player {
         this.sent = now;
         const tip = this.handAt.map((x, k) => x + this.recording.header.origin[k]);
         this.send({do: 'hand', body: this.status.hands[0], tip, grip: this.grip, buttons: this.buttons});
+    }
+    // A click after a choice of what is to happen says where; another click chooses what to look at.
+    select(hit) {
+        const what = this.injectChoice.value;
+        if (!what || !hit) return super.select(hit);
+        const {contacts} = this.frames[0], at = 'contact' in hit ? contacts[hit.contact] : hit;
+        this.send({do: what, body: at.body, point: at.point.map((x, k) => x + this.recording.header.origin[k]), rate: bleeding});
+        this.injectChoice.value = '';
     }
     // A body under the pointer is pulled while the button is down; beside one the camera turns.
     listenToDrags() {

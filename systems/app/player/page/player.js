@@ -20,7 +20,7 @@ export const style = `
 #player .hint{color:#667085}
 @media(max-width:820px){#player{grid-template-columns:1fr}#player .facts3d{border-left:0;border-top:1px solid #e3e6ea;max-height:240px}}`;
 
-const layerNames = {contacts: 'contacts', normals: 'normals', forces: 'contact forces', tools: 'tools and their forces', links: 'links', wireframe: 'wireframe',
+const layerNames = {contacts: 'contacts', normals: 'normals', forces: 'contact forces', tools: 'tools and their forces', links: 'links', effects: 'threads and fluids', wireframe: 'wireframe',
                     seeThrough: 'see-through', cells: 'cells of the grid', boxes: 'boxes of bodies', pairs: 'candidate pairs'};
 
 export function element(name, properties = {}, ...children) {
@@ -66,8 +66,9 @@ export class Player {
         for (const [layer, text] of Object.entries(layerNames)) {
             if (['cells', 'boxes', 'pairs'].includes(layer) && !this.recording.header.cells) continue;
             if (layer === 'links' && !this.recording.header.links) continue;
+            if (layer === 'effects' && !this.recording.header.effects) continue;
             if (layer === 'tools' && this.recording.header.tools.length === 0) continue;
-            const box = element('input', {type: 'checkbox', checked: ['contacts', 'tools', 'links'].includes(layer)});
+            const box = element('input', {type: 'checkbox', checked: ['contacts', 'tools', 'links', 'effects'].includes(layer)});
             box.onchange = () => { this.view.layers[layer] = box.checked, this.show(this.at); };
             row.append(element('label', {}, box, ' ' + text));
         }

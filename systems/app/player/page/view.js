@@ -3,6 +3,7 @@ import * as three from 'three';
 import {OrbitControls} from 'three/addons/controls/OrbitControls.js';
 import {pose, softPositions} from './data.js';
 import {Surface} from './surface.js';
+import {Effects} from './effects.js';
 import {contactColour, ownColours, painter} from './colours.js';
 
 const clickRadius = 7;       // pixels, around a contact
@@ -55,7 +56,7 @@ function setOverlay(drawn, position, colour) {
 export class View {
     constructor(canvas, recording) {
         this.recording = recording, this.canvas = canvas, this.frame = 0, this.selected = null;
-        this.layers = {contacts: true, normals: false, forces: false, tools: true, links: true, cells: false, boxes: false, pairs: false, wireframe: false, seeThrough: false};
+        this.layers = {contacts: true, normals: false, forces: false, tools: true, links: true, effects: true, cells: false, boxes: false, pairs: false, wireframe: false, seeThrough: false};
         this.follows = false;  // the scene's camera, not the pointer
         this.mode = 'material', this.limits = recording.header.limits;
         this.renderer = new three.WebGLRenderer({canvas, antialias: true});
@@ -66,6 +67,7 @@ export class View {
         this.camera = new three.PerspectiveCamera();
         this.makeBodies();
         this.makeLayers();
+        this.effects = recording.header.effects ? new Effects(this.scene) : null;
         this.show(0);
         this.placeCamera();
         this.makeLights();
@@ -212,6 +214,7 @@ export class View {
         this.showTools(now, size);
         setOverlay(this.links, now.links.flat(2));
         if (now.cells) setOverlay(this.cells, now.cells.flatMap(cell => cellEdges(cell, now)));
+        if (now.effects) this.effects.show(this, now.effects, this.recording.header.effects.up, this.layers.effects);
         this.showPairs(now);
         this.markContact();
         const {layers} = this;
