@@ -4,13 +4,14 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstring>
 namespace trocar {
 namespace {
 
-// Part of a cell that may leave it over one edge in a substep: a cell has about three edges downhill.
-constexpr float kMostOut = 0.35f;
+// Part of a cell that may leave it over one edge in a step.
+constexpr float kMostOut = 0.5f;
 // Of the longest step at which waves between cells are stable.
 constexpr float kWaveCourant = 0.5f;
 // By how much of its last change the surface is thought ahead where it drives the flow: damps waves of a cell's length and no
@@ -27,21 +28,15 @@ struct Two {
 };
 Eight fill(float x) { return _mm256_set1_ps(x); }
 Eight load_eight(const float* p) { return _mm256_loadu_ps(p); }
-Eight to_floats8(const double* p) { return _mm256_set_m128(_mm256_cvtpd_ps(_mm256_loadu_pd(p + 4)), _mm256_cvtpd_ps(_mm256_loadu_pd(p))); }
 Eight magnitude(Eight x) { return _mm256_andnot_ps(fill(-0.0f), x); }
 Eight add(Eight a, Eight b) { return _mm256_add_ps(a, b); }
 Eight sub(Eight a, Eight b) { return _mm256_sub_ps(a, b); }
 Eight mul(Eight a, Eight b) { return _mm256_mul_ps(a, b); }
 Eight div(Eight a, Eight b) { return _mm256_div_ps(a, b); }
 Eight choose(Eight mask, Eight yes, Eight no) { return _mm256_blendv_ps(no, yes, mask); }
-float largest_of(Eight x) {
-    alignas(32) float lane[8];
-    _mm256_store_ps(lane, x);
-    return *std::max_element(lane, lane + 8);
-}
 
 // Eight cells' records to one vector per member, and back.
-Four load_cells(const FilmScratch::Cell* cell, const uint32_t* index) {
+[[gnu::always_inline]] inline Four load_cells(const FilmScratch::Cell* cell, const uint32_t* index) {
     const auto two = [&](size_t k) {
         return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(&cell[index[k]].height)), _mm_load_ps(&cell[index[k + 4]].height),
                                     1);
@@ -64,7 +59,7 @@ void store_cells(const Four& v, FilmScratch::Cell* cell) {
 }
 
 // Pairs of numbers in memory to two vectors, and back.
-Two load_donors(const FilmScratch::Donor* donor, const uint32_t* index) {
+[[gnu::always_inline]] inline Two load_donors(const FilmScratch::Donor* donor, const uint32_t* index) {
     const auto pair = [&](size_t k) { return reinterpret_cast<const __m128i*>(&donor[index[k]]); };
     const auto two = [&](size_t k) { return _mm_castsi128_ps(_mm_unpacklo_epi64(_mm_loadl_epi64(pair(k)), _mm_loadl_epi64(pair(k + 1)))); };
     const Eight a = _mm256_set_m128(two(4), two(0)), b = _mm256_set_m128(two(6), two(2));
@@ -88,54 +83,60 @@ Eight levelness8(Eight thickness, Eight fullness) {
     return mul(mul(t, t), sub(fill(3), add(t, t)));
 }
 
-// Wet or not, of eight cells.
-void mark_wet(Eight thickness, uint8_t* wet) {
-    const auto bits = static_cast<uint64_t>(_mm256_movemask_ps(_mm256_cmp_ps(thickness, fill(kThinnestFilm), _CMP_GT_OQ)));
-    const uint64_t bytes = _pdep_u64(bits, 0x0101010101010101u);
-    std::memcpy(wet, &bytes, sizeof bytes);
-}
-
-// Takes over the amounts of a film that is wet anywhere; false if it is not.
-bool load_film(const FilmShape& shape, const Film& film, FilmScratch& s) {
-    for (size_t v = 0; v < s.wet.size(); v += kFilmBlock)
-        mark_wet(mul(to_floats8(&film.volume[v]), load_eight(&shape.inverse_area[v])), &s.wet[v]);
-    if (std::find(s.wet.begin(), s.wet.end(), 1) == s.wet.end()) return false;
-    for (size_t v = 0; v < s.wet.size(); ++v) s.amount[v] = {film.volume[v], film.blood[v]};
-    for (size_t v = 0; v < s.wet.size(); v += kFilmBlock) {
+// Takes over the amounts of a film and what its shape says of pools; all cells are to be looked at.
+void load_film(const FilmShape& shape, const Film& film, FilmScratch& s) {
+    for (size_t v = 0; v < s.amount.size(); ++v) s.amount[v] = {film.volume[v], film.blood[v]};
+    std::fill(s.need.begin(), s.need.end(), uint8_t{0});
+    s.cells.clear(), s.awake.clear(), s.waves = 0;
+    for (uint32_t v = 0; v < s.amount.size(); v += kFilmBlock) {
+        s.cells.push_back(v);
         _mm256_storeu_ps(&s.standing[v], div(fill(1), _mm256_max_ps(load_eight(&shape.upright[v]), fill(kLeastUpright))));
         const Eight fullness = div(fill(2), add(load_eight(&shape.relief[v]), fill(1e-9f)));
         const Eight overhangs = _mm256_cmp_ps(load_eight(&shape.upright[v]), _mm256_setzero_ps(), _CMP_LE_OQ);
         _mm256_storeu_ps(&s.fullness[v], _mm256_andnot_ps(overhangs, fullness));  // there liquid never stands
     }
-    return true;
 }
 
-// Which of the cells that liquid flows between are wet by now.
-void update_wet(const FilmShape& shape, FilmScratch& s) {
-    for (const uint32_t first : s.cells)
-        mark_wet(mul(load_amounts(&s.amount[first]).at[0], load_eight(&shape.inverse_area[first])), &s.wet[first]);
+// The longest step of a block that begins at a tick, in ticks: blocks that step alike step together.
+uint32_t longest_step(uint32_t tick) { return tick == 0 ? kMostSubsteps : tick & -tick; }
+
+// A block of edges that sleeps takes part from this tick on if it has come to have a wet cell. `waves`: the need of all cells.
+void wake_block(const Film& film, uint32_t tick, uint32_t block, uint8_t waves, FilmScratch& s) {
+    const auto needs = [&](const uint32_t* cell) {
+        return _mm256_i32gather_epi32(reinterpret_cast<const int*>(s.need.data()),
+                                      _mm256_loadu_si256(reinterpret_cast<const __m256i*>(cell)), 1);
+    };
+    const __m256i both = _mm256_or_si256(needs(&film.from[block * kFilmBlock]), needs(&film.to[block * kFilmBlock]));
+    const __m128i four = _mm_or_si128(_mm256_castsi256_si128(both), _mm256_extracti128_si256(both, 1));
+    const uint64_t two = static_cast<uint64_t>(_mm_extract_epi64(four, 0)) | static_cast<uint64_t>(_mm_extract_epi64(four, 1));
+    const auto own = static_cast<uint8_t>(two | two >> 32);
+    if (own == 0) return;
+    const uint8_t need = own & FilmScratch::kPool ? waves : own;
+    s.awake.push_back(block * kFilmBlock);
+    s.due[block] = static_cast<uint8_t>(tick);
+    s.ticks[block] = s.most[block] = static_cast<uint8_t>(2 * kMostSubsteps >> std::bit_width(need));
 }
 
-// Finds the blocks of edges and of cells that liquid may flow over and between.
-void find_active(const Film& film, FilmScratch& s) {
+// Finds the blocks of edges that step at a tick.
+void find_due(const Film& film, uint32_t tick, FilmScratch& s) {
+    const uint64_t four = s.waves | s.waves >> 32, two = four | four >> 16;
+    const auto waves = static_cast<uint8_t>(two | two >> 8);
+    for (uint32_t block = 0; s.spreads && block < s.due.size(); ++block)
+        if (s.due[block] == FilmScratch::kAsleep) wake_block(film, tick, block, waves, s);
+    s.spreads = false;
+    s.block.clear();
+    for (const uint32_t first : s.awake)
+        if (s.due[first / kFilmBlock] == tick) s.block.push_back(first);
+}
+
+// Finds the blocks of cells that liquid flows between over these edges.
+void find_cells(const Film& film, FilmScratch& s) {
+    s.cells.clear();
     std::fill(s.beside.begin(), s.beside.end(), uint8_t{0});
-    s.block.clear(), s.cells.clear();
-    for (uint32_t first = 0; first < film.from.size(); first += kFilmBlock) {
-        uint8_t flows = 0;
-        for (size_t e = first; e < first + kFilmBlock; ++e) flows |= s.wet[film.from[e]] | s.wet[film.to[e]];
-        if (!flows) continue;
-        s.block.push_back(first);
+    for (const uint32_t first : s.block)
         for (size_t e = first; e < first + kFilmBlock; ++e) s.beside[film.from[e] / kFilmBlock] = s.beside[film.to[e] / kFilmBlock] = 1;
-    }
     for (uint32_t k = 0; k < s.beside.size(); ++k)
         if (s.beside[k]) s.cells.push_back(k * kFilmBlock);
-}
-
-// visit(cell) for all cells of those blocks.
-template <typename Visit>
-void each_cell(const FilmScratch& s, const Visit& visit) {
-    for (const uint32_t first : s.cells)
-        for (size_t v = first; v < first + kFilmBlock; ++v) visit(v);
 }
 
 // nu of the mixture, m^2/s.
@@ -159,9 +160,22 @@ Eight deep_drag(Eight gravity, Eight thickness, Eight viscosity) {
     return _mm256_max_ps(sub(layer, mul(fill(9), viscosity)), _mm256_setzero_ps());
 }
 
-// What drives and drags the liquid of eight cells; returns 1 / the longest stable step for waves between them,
-// a dt^2 < 4 + 2 (f / h^2) dt with a = 2 g h d(surface)/dh sum(conductance) / area. 1/s
-Eight look_at_eight(const Mixture& mixture, float gravity, const FilmShape& shape, const Film& film, size_t v, FilmScratch& s) {
+// A byte of 1 or 0 per number.
+uint64_t bytes_of(Eight mask) { return _pdep_u64(static_cast<uint64_t>(_mm256_movemask_ps(mask)), 0x0101010101010101u); }
+
+// Per cell a bit, and one more for every time that a pass has to be halved until a step resolves its waves; 0 if dry.
+uint64_t need_of(Eight wet, Eight steps) {
+    uint64_t need = bytes_of(wet);
+    for (uint32_t most = 1; most < kMostSubsteps; most *= 2)
+        need |= bytes_of(_mm256_and_ps(wet, _mm256_cmp_ps(steps, fill(static_cast<float>(most)), _CMP_GT_OQ))) * (2 * most);
+    return need;
+}
+
+// What drives and drags the liquid of eight cells. The longest stable step for waves between them obeys
+// a dt^2 < 4 + 2 (f / h^2) dt with a = 2 g h d(surface)/dh sum(conductance) / area; waves that the shortest step does not resolve are
+// dragged more.
+void look_at_eight(const Mixture& mixture, float gravity, float seconds, const FilmShape& shape, const Film& film, size_t v,
+                   FilmScratch& s) {
     const Eight zero = _mm256_setzero_ps(), one = fill(1), g = fill(gravity);
     const Two amount = load_amounts(&s.amount[v]);
     const Eight up = load_eight(&shape.upright[v]), down = load_eight(&s.standing[v]), inverse_area = load_eight(&shape.inverse_area[v]);
@@ -177,35 +191,30 @@ Eight look_at_eight(const Mixture& mixture, float gravity, const FilmShape& shap
         steep = choose(pool, choose(_mm256_cmp_ps(level, one, _CMP_LT_OQ), turning, down), up);
     }
     const Eight h2 = mul(h, h), a = mul(mul(mul(fill(2), g), mul(h, steep)), mul(load_eight(&film.crowding[v]), inverse_area));
-    const Eight lead = add(above, mul(fill(kAhead), sub(above, load_eight(&film.rise[v]))));
-    store_cells({{load_eight(&shape.height[v]), lead, _mm256_and_ps(h, _mm256_cmp_ps(h, fill(kThinnestFilm), _CMP_GT_OQ)), drag}},
-                &s.cell[v]);
-    store_pairs(blood, inverse, &s.donor[v].share);
-    _mm256_storeu_ps(&s.rise[v], above);
-    _mm256_storeu_ps(&s.stiffness[v], a);
     const Eight root = _mm256_sqrt_ps(add(mul(drag, drag), mul(mul(fill(4), a), mul(h2, h2))));
-    return div(mul(a, h2), add(add(drag, root), fill(1e-30f)));
+    const Eight rate = div(mul(a, h2), add(add(drag, root), fill(1e-30f)));
+    const Eight wet = _mm256_cmp_ps(h, fill(kThinnestFilm), _CMP_GT_OQ);
+    uint64_t need = need_of(wet, mul(rate, fill(seconds / kWaveCourant)));
+    s.waves |= need;
+    need |= bytes_of(_mm256_and_ps(wet, pool)) * FilmScratch::kPool;
+    uint64_t before = 0;
+    std::memcpy(&before, &s.need[v], sizeof before);
+    std::memcpy(&s.need[v], &need, sizeof need);
+    s.spreads |= (bytes_of(wet) & ~before) != 0;
+    const float shortest = seconds / static_cast<float>(kMostSubsteps);
+    const Eight unresolved = sub(mul(a, fill(shortest * shortest / (kWaveCourant * kWaveCourant))), fill(4));
+    drag = _mm256_max_ps(drag, mul(mul(h2, unresolved), fill(0.5f / shortest)));
+    const Eight lead = add(above, mul(fill(kAhead), sub(above, load_eight(&film.rise[v]))));
+    store_cells({{load_eight(&shape.height[v]), lead, _mm256_and_ps(h, wet), drag}}, &s.cell[v]);
+    store_pairs(blood, inverse, &s.donor[v].share);
+    _mm256_storeu_ps(&film.rise[v], above);
+    _mm256_storeu_ps(&s.out[v], zero);
 }
 
-// 1/s, over the longest stable step of all.
-float look_at_cells(const FluidParams& params, float gravity, const FilmShape& shape, const Film& film, FilmScratch& s) {
-    const Mixture mixture(params);
-    Eight most = _mm256_setzero_ps();
-    for (const uint32_t v : s.cells) most = _mm256_max_ps(most, look_at_eight(mixture, gravity, shape, film, v, s));
-    return largest_of(most);
-}
-
-// Drags those cells more whose waves the step does not resolve.
-void damp_unresolved(float dt, FilmScratch& s) {
-    each_cell(s, [&](size_t v) {
-        const float needed = s.stiffness[v] * dt * dt / (kWaveCourant * kWaveCourant) - 4, h = s.cell[v].thickness;
-        s.cell[v].drag = std::max(s.cell[v].drag, h * h * needed / (2 * dt));
-    });
-}
-
-// Flows over eight edges after a step. From thick to thin the weight of the liquid is driven by the mean of what both sides carry
-// (the integral of h^3 between them), all other flow by what it comes from.
-Eight flow_eight(float gravity, float dt, const Four& a, const Four& b, Eight before) {
+// Flows over eight edges after a step, and those that move liquid in it: that at its end, but where friction and the slope rule that in
+// its middle, by Adams and Bashforth from the flow before it, as cells empty meanwhile. From thick to thin the weight of the liquid is
+// driven by the mean of what both sides carry (the integral of h^3 between them), all other flow by what it comes from.
+Two flow_eight(float gravity, float dt, const Four& a, const Four& b, Eight before) {
     const Eight zero = _mm256_setzero_ps();
     const Eight step = sub(a.at[0], b.at[0]), push = sub(a.at[1], b.at[1]), fall = add(step, push);
     const Eight forward = _mm256_cmp_ps(fall, zero, _CMP_GE_OQ), h = choose(forward, a.at[2], b.at[2]);
@@ -215,32 +224,48 @@ Eight flow_eight(float gravity, float dt, const Four& a, const Four& b, Eight be
     const Eight h2 = sub(mul(h, h), mul(half_share, sub(mul(h, h), mul(less, less))));
     const Eight drag = choose(forward, a.at[3], b.at[3]);
     const Eight driven = add(before, mul(mul(fill(gravity * dt), h1), fall));
-    const Eight flow = mul(driven, div(h2, add(h2, mul(drag, fill(dt)))));
+    const Eight inert = div(h2, add(h2, mul(drag, fill(dt)))), flow = mul(driven, inert);
+    const Eight viscous = mul(sub(fill(1), inert), sub(fill(0.5f), half_share));
     const Eight donor = choose(_mm256_cmp_ps(flow, zero, _CMP_GE_OQ), a.at[2], b.at[2]);
-    return _mm256_and_ps(flow, _mm256_cmp_ps(donor, zero, _CMP_GT_OQ));
+    const Eight wet = _mm256_cmp_ps(donor, zero, _CMP_GT_OQ);
+    const Eight middle = add(flow, mul(viscous, sub(flow, before)));
+    const Eight alike = _mm256_cmp_ps(mul(middle, flow), zero, _CMP_GT_OQ);
+    return {{_mm256_and_ps(flow, wet), _mm256_and_ps(_mm256_and_ps(middle, alike), wet)}};
 }
 
-// Flows after a step, what they move and out of which cells, and the largest part of a cell that leaves it over one edge.
-float flow_edges(float gravity, float dt, const Film& film, FilmScratch& s) {
-    for (const uint32_t v : s.cells) _mm256_storeu_ps(&s.out[v], _mm256_setzero_ps());
-    Eight most = _mm256_setzero_ps();
+// Flows of the blocks that are due, each after the longest step in which no more than a part of a cell leaves it over an edge; what
+// they move, and out of which cells.
+void flow_edges(float gravity, float seconds, const Film& film, uint32_t tick, FilmScratch& s) {
+    const FilmScratch::Cell* const cell = s.cell.data();
+    float* const out = s.out.data();
     for (const uint32_t first : s.block) {
-        const uint32_t *from = &film.from[first], *to = &film.to[first];
-        const Eight flow =
-            flow_eight(gravity, dt, load_cells(s.cell.data(), from), load_cells(s.cell.data(), to), load_eight(&film.flow[first]));
+        const uint32_t *from = &film.from[first], *to = &film.to[first], block = first / kFilmBlock;
+        const Four at_from = load_cells(cell, from), at_to = load_cells(cell, to);
         const Eight a = load_eight(reinterpret_cast<const float*>(from)), b = load_eight(reinterpret_cast<const float*>(to));
-        uint32_t* giver = &s.giver[first];
-        _mm256_storeu_ps(reinterpret_cast<float*>(giver), choose(_mm256_cmp_ps(flow, _mm256_setzero_ps(), _CMP_GE_OQ), a, b));
-        const Two donor = load_donors(s.donor.data(), giver);
-        const Eight moved = mul(mul(load_eight(&film.conductance[first]), fill(dt)), flow);
-        alignas(32) float leaves[8];
-        _mm256_store_ps(leaves, magnitude(moved));
-        for (size_t k = 0; k < 8; ++k) s.out[giver[k]] += leaves[k];
-        most = _mm256_max_ps(most, mul(magnitude(moved), donor.at[1]));
-        _mm256_storeu_ps(&s.flow[first], flow);
-        store_pairs(moved, mul(moved, donor.at[0]), &s.moved[first].volume);
+        const Eight before = load_eight(&film.flow[first]), conductance = load_eight(&film.conductance[first]);
+        uint32_t ticks = std::min<uint32_t>(s.ticks[block], longest_step(tick));
+        alignas(32) uint32_t giver[8];
+        for (;; ticks /= 2) {
+            ++s.steps;
+            const float dt = seconds * static_cast<float>(ticks) / static_cast<float>(kMostSubsteps);
+            const auto [flow, middle] = flow_eight(gravity, dt, at_from, at_to, before).at;
+            _mm256_store_ps(reinterpret_cast<float*>(giver), choose(_mm256_cmp_ps(flow, _mm256_setzero_ps(), _CMP_GE_OQ), a, b));
+            const Two donor = load_donors(s.donor.data(), giver);
+            const Eight moved = mul(mul(conductance, fill(dt)), middle), part = mul(magnitude(moved), donor.at[1]);
+            if (ticks > 1 && _mm256_movemask_ps(_mm256_cmp_ps(part, fill(kMostOut), _CMP_GT_OQ))) continue;
+            const bool calm = _mm256_movemask_ps(_mm256_cmp_ps(part, fill(0.4f * kMostOut), _CMP_GT_OQ)) == 0;
+            s.shortest = std::min(s.shortest, ticks);
+            s.due[block] = static_cast<uint8_t>(tick + ticks);
+            s.ticks[block] = static_cast<uint8_t>(calm ? std::min<uint32_t>(2 * ticks, s.most[block]) : ticks);
+            alignas(32) float leaves[8];
+            _mm256_store_ps(leaves, magnitude(moved));
+            for (size_t k = 0; k < 8; ++k) out[giver[k]] += leaves[k];
+            std::memcpy(&s.giver[first], giver, sizeof giver);
+            _mm256_storeu_ps(&film.flow[first], flow);
+            store_pairs(moved, mul(moved, donor.at[0]), &s.moved[first].volume);
+            break;
+        }
     }
-    return largest_of(most);
 }
 
 __m128d to_doubles(const FilmScratch::Moved& moved) {
@@ -252,11 +277,14 @@ void add_amount(__m128d change, FilmScratch::Amount& amount) {
 
 void move_liquid(const Film& film, FilmScratch& s) {
     const __m128d minus = _mm_set1_pd(-0.0);
+    const FilmScratch::Moved* const all = s.moved.data();
+    FilmScratch::Amount* const amount = s.amount.data();
+    const uint32_t *const from = film.from.data(), *const to = film.to.data();
     for (const uint32_t first : s.block) {
         for (size_t e = first; e < first + kFilmBlock; ++e) {
-            const __m128d moved = to_doubles(s.moved[e]);
-            add_amount(_mm_xor_pd(moved, minus), s.amount[film.from[e]]);
-            add_amount(moved, s.amount[film.to[e]]);
+            const __m128d moved = to_doubles(all[e]);
+            add_amount(_mm_xor_pd(moved, minus), amount[from[e]]);
+            add_amount(moved, amount[to[e]]);
         }
     }
 }
@@ -275,11 +303,11 @@ bool find_kept(FilmScratch& s) {
 }
 
 // Scales flows down where a cell would give more than it has.
-void spare_cells(FilmScratch& s) {
+void spare_cells(const Film& film, FilmScratch& s) {
     for (const uint32_t first : s.block) {
         const auto* giver = reinterpret_cast<const __m256i*>(&s.giver[first]);
         const Eight kept = _mm256_i32gather_ps(s.kept.data(), _mm256_loadu_si256(giver), 4);
-        _mm256_storeu_ps(&s.flow[first], mul(load_eight(&s.flow[first]), kept));
+        _mm256_storeu_ps(&film.flow[first], mul(load_eight(&film.flow[first]), kept));
         float* moved = &s.moved[first].volume;
         const Eight low = _mm256_unpacklo_ps(kept, kept), high = _mm256_unpackhi_ps(kept, kept);
         _mm256_storeu_ps(moved, mul(load_eight(moved), _mm256_permute2f128_ps(low, high, 0x20)));
@@ -289,10 +317,11 @@ void spare_cells(FilmScratch& s) {
 
 void resize(const Film& film, FilmScratch& s) {
     const size_t cells = film.volume.size(), edges = film.from.size();
-    for (auto* each : {&s.rise, &s.stiffness, &s.standing, &s.fullness, &s.out, &s.kept}) each->resize(cells);
-    s.flow.resize(edges), s.moved.resize(edges), s.giver.resize(edges);
-    s.cell.resize(cells), s.donor.resize(cells), s.amount.resize(cells), s.wet.resize(cells), s.beside.resize(cells / kFilmBlock);
-    s.block.reserve(edges / kFilmBlock), s.cells.reserve(cells / kFilmBlock);
+    for (auto* each : {&s.standing, &s.fullness, &s.out, &s.kept}) each->resize(cells);
+    s.moved.resize(edges), s.giver.resize(edges);
+    s.cell.resize(cells), s.donor.resize(cells), s.amount.resize(cells), s.need.resize(cells + 3), s.beside.resize(cells / kFilmBlock);
+    s.ticks.resize(edges / kFilmBlock), s.most.resize(edges / kFilmBlock), s.due.assign(edges / kFilmBlock, FilmScratch::kAsleep);
+    s.awake.reserve(edges / kFilmBlock), s.block.reserve(edges / kFilmBlock), s.cells.reserve(cells / kFilmBlock);
 }
 
 }  // namespace
@@ -309,34 +338,22 @@ float liquid_rise(float thickness, float upright, float relief) {
 
 void flow_film(const FluidParams& params, double gravity, double seconds, const FilmShape& shape, const Film& film, FilmScratch& s) {
     resize(film, s);
-    s.substeps = 0;
-    if (!load_film(shape, film, s)) return;
-    const double shortest = seconds / kMostSubsteps;
-    const float g = static_cast<float>(gravity);
-    double left = seconds, dt = *film.step > 0 ? std::min(*film.step, seconds) : shortest;
-    for (uint32_t turn = 0; left > 1e-9 * seconds; ++turn) {
-        // liquid passes a third of a cell in a substep
-        if (turn > 0 && turn % 3 == 0) update_wet(shape, s);
-        if (turn % 3 == 0) find_active(film, s);
-        const float rate = look_at_cells(params, g, shape, film, s);
-        const double stable = rate > 0 ? static_cast<double>(kWaveCourant / rate) : seconds;
-        double step = std::min(std::max(std::min(dt, stable), shortest), left);
-        if (step > stable) damp_unresolved(static_cast<float>(step), s);
-        float most = flow_edges(g, static_cast<float>(step), film, s);
-        ++s.substeps;
-        if (most > 2 * kMostOut && step > shortest) {
-            dt = std::max(shortest, 0.5 * step);
-            continue;
-        }
-        if (find_kept(s)) spare_cells(s);
+    s.steps = 0, s.shortest = kMostSubsteps;
+    const Mixture mixture(params);
+    const float g = static_cast<float>(gravity), all = static_cast<float>(seconds);
+    load_film(shape, film, s);
+    for (uint32_t tick = 0; tick < kMostSubsteps; ++tick) {
+        if (tick > 0) find_due(film, tick, s), find_cells(film, s);
+        for (const uint32_t v : s.cells) look_at_eight(mixture, g, all, shape, film, v, s);
+        if (tick == 0) find_due(film, tick, s);
+        flow_edges(g, all, film, tick, s);
+        if (find_kept(s)) spare_cells(film, s);
         move_liquid(film, s);
-        each_cell(s, [&](size_t v) { film.rise[v] = s.rise[v]; });
-        for (const uint32_t first : s.block) std::copy_n(s.flow.begin() + first, kFilmBlock, film.flow.begin() + first);
-        left -= step;
-        dt = step * static_cast<double>(std::clamp(kMostOut / std::max(most, 1e-6f), 0.5f, 2.0f));
+        std::erase_if(s.awake, [&](uint32_t first) { return s.due[first / kFilmBlock] == kMostSubsteps; });
     }
+    if (s.steps == 0) return;
+    *film.step = seconds * s.shortest / kMostSubsteps;
     for (size_t v = 0; v < s.amount.size(); ++v) film.volume[v] = s.amount[v].volume, film.blood[v] = s.amount[v].blood;
-    *film.step = std::clamp(dt, shortest, seconds);
 }
 
 void order_edges(std::span<const std::array<uint32_t, 2>> edge, uint32_t vertices, std::span<uint32_t> order) {

@@ -602,12 +602,25 @@ void check_nodes(const World& w) {
     for (const NodeSwitch& t : n.toggle) require(t.to <= 2 && t.event < NodeEventKind::kCount, "a switch is of no kind");
 }
 
+// Elements that the surface of a body may have: those of its mesh, or those reserved if instruments cut it. A state is checked before its
+// cuts are laid.
+struct Elements {
+    uint32_t vertices, triangles, edges;
+};
+Elements elements_of(const World& w, uint32_t body) {
+    const MeshInfo& info = w.meshes.info[w.bodies.mesh[body]];
+    if (const auto cut = std::ranges::find(w.actions.cut_body, body, &CutBody::body); cut != w.actions.cut_body.end())
+        return {cut->vertices.count, cut->triangles.count, cut->edges};
+    if (const auto cut = std::ranges::find(w.actions.cut_solid, body, &CutSolid::body); cut != w.actions.cut_solid.end())
+        return {cut->vertices.count, cut->triangles.count, cut->mesh_edges};
+    return {info.vertices.count, info.triangles.count, info.edges.count};
+}
+
 void check_contact_memory(const World& w) {
     const ContactMemory& m = w.contact_memory;
     require(all_have(m, m.body.size()), "contact memory: arrays of different length");
     for (uint32_t i = 0; i < m.body.size(); ++i) {
-        const uint32_t vertices = w.meshes.info[w.bodies.mesh[m.body[i]]].vertices.count;
-        for (const uint32_t v : m.vertex[i]) require_below(v, vertices, "contact memory of vertex");
+        for (const uint32_t v : m.vertex[i]) require_below(v, elements_of(w, m.body[i]).vertices, "contact memory of vertex");
         require(m.along[i] >= 0 && m.along[i] <= 1 && m.force[i].allFinite(), "contact memory: out of range");
     }
 }
@@ -617,9 +630,9 @@ void check_self_contacts(const World& w) {
     require(w.bodies.self_contact.size() <= w.bodies.mesh.size(), "bodies: distances of self-contact of no body");
     const SelfContacts& c = w.self_contacts;
     for (uint32_t i = 0; i < c.body.size(); ++i) {
-        const MeshInfo &first = w.meshes.info[w.bodies.mesh[c.body[i]]], &second = w.meshes.info[w.bodies.mesh[c.other[i]]];
-        require_below(c.feature[i][0], c.edges[i] ? first.edges.count : first.vertices.count, "self-contact of feature");
-        require_below(c.feature[i][1], c.edges[i] ? second.edges.count : second.triangles.count, "self-contact with feature");
+        const Elements first = elements_of(w, c.body[i]), second = elements_of(w, c.other[i]);
+        require_below(c.feature[i][0], c.edges[i] ? first.edges : first.vertices, "self-contact of feature");
+        require_below(c.feature[i][1], c.edges[i] ? second.edges : second.triangles, "self-contact with feature");
         require(c.force[i].allFinite() && c.normal[i].allFinite(), "self-contact: a force or a normal is not finite");
     }
 }

@@ -184,6 +184,71 @@ TEST(Film, APoolHasTheLevelOfACap) {
     EXPECT_NEAR(plate.all(), volume, 1e-13 * volume);
 }
 
+// A step between two levels of a frictionless pool parts into two waves of sqrt(g h) with the mean level between them (Stoker, Water
+// Waves, 1957, for small steps).
+TEST(Film, AStepBetweenLevelsRunsBothWays) {
+    constexpr double deep = 0.0102, shallow = 0.0098, length = 0.4, width = 0.02, time = 0.3, middle = length / 2;
+    Plate plate(strip(200, 5, length, width), 1e-7);
+    for (uint32_t v = 0; v < plate.vertices(); ++v)
+        if (plate.shape.inverse_area[v] > 0)
+            plate.pour(v, (plate.at(v).x() < middle ? deep : shallow) / static_cast<double>(plate.shape.inverse_area[v]));
+    for (int pass = 0; pass < 18; ++pass) plate.flow(time / 18);
+    // what has left the deep side: the wave that runs into it lowers it by half the step
+    double left = 0;
+    for (uint32_t v = 0; v < plate.vertices(); ++v)
+        if (plate.at(v).x() < middle - 1e-6 && plate.shape.inverse_area[v] > 0)
+            left += deep / static_cast<double>(plate.shape.inverse_area[v]) - plate.volume(v);
+    const double wave = left / (width * 0.5 * (deep - shallow)) / time, expected = std::sqrt(kGravity * 0.01);
+    const double between = plate.thickness(100 * 6 + 2);
+    std::printf("wave %.4f m/s, found %.4f (%+.2f %%), level between %.4f mm\n", expected, wave, 100 * (wave / expected - 1),
+                1e3 * between);
+    EXPECT_NEAR(wave, expected, 0.03 * expected);
+    EXPECT_NEAR(between, 0.01, 0.03 * (deep - shallow));
+}
+
+// Blood of 1 mm at rest on a slope of 30 degrees comes to run as dq/dt = g h sin - 3 nu q / h^2 lets it: 1 - exp(-3 nu t / h^2) of
+// Nusselt's flow.
+TEST(Film, ComesToRunAgainstFriction) {
+    constexpr double thick = 1e-3, seconds = 1.0 / 60;
+    Plate plate(strip(200, 5, 0.8, 0.02), 3.5e-3, Vec3d(0.5, 0, -std::sqrt(0.75)));
+    for (uint32_t v = 0; v < plate.vertices(); ++v)
+        if (plate.shape.inverse_area[v] > 0) plate.pour(v, thick / static_cast<double>(plate.shape.inverse_area[v]));
+    const Film film = film_of(plate.w.fluids, plate.w.fluid_state, 0);
+    for (int pass = 1; pass <= 24; ++pass) {
+        plate.flow(seconds);
+        if (pass % 6 != 0) continue;
+        double flow = 0, width = 0;  // through the middle, in units of the distance of vertices
+        for (size_t e = 0; e < film.from.size(); ++e) {
+            if (film.from[e] / 6 != 100 || film.to[e] / 6 != 101) continue;
+            flow += static_cast<double>(film.conductance[e] * film.flow[e]), width += static_cast<double>(film.conductance[e]) * 0.004;
+        }
+        const double full = kGravity * 0.5 * thick * thick * thick / (3 * plate.nu());
+        const double expected = full * -std::expm1(-3 * plate.nu() * pass * seconds / (thick * thick)), found = flow / width;
+        std::printf("%.2f s: %.3f of the flow, found %.3f\n", pass * seconds, expected / full, found / full);
+        EXPECT_NEAR(found, expected, 0.03 * full);
+    }
+}
+
+// Every block of edges takes the steps that it needs itself: a film of blood in a bowl ends where 16 times as many passes leave it, and
+// most blocks take one step in a pass. Breaks when steps of a whole pass take the flow at their start, or when one cell hurries all.
+TEST(Film, StepsAreShortOnlyWhereTheyMustBe) {
+    const auto run = [](int parts, double& steps) {
+        Plate plate(make_dish(4000), 3.5e-3);
+        for (uint32_t v = 0; v < plate.vertices(); ++v)
+            if (plate.shape.inverse_area[v] > 0) plate.pour(v, 3e-4 / static_cast<double>(plate.shape.inverse_area[v]));
+        steps = 0;
+        for (int pass = 0; pass < 60 * parts; ++pass) plate.flow(1.0 / 60 / parts), steps += plate.scratch.steps;
+        steps *= 8.0 / 60 / static_cast<double>(plate.w.fluid_state.from.size());
+        return std::sqrt(plate.mean([](const Vec3d& p) { return p.head<2>().squaredNorm(); }));
+    };
+    double steps = 0, many = 0;
+    const double found = run(1, steps), fine = run(16, many);
+    std::printf("mean distance from the axis %.3f mm, in short passes %.3f; %.2f steps a pass, %.1f\n", 1e3 * found, 1e3 * fine, steps,
+                many);
+    EXPECT_NEAR(found, fine, 2e-4);
+    EXPECT_LT(steps, 2.5);
+}
+
 // What flows carries its colour: blood and water mix, and neither is made. Breaks when dye and volume move apart.
 TEST(Film, KeepsBloodAndWater) {
     Plate plate(disc(600, 0.05), 3.5e-3);
