@@ -5,11 +5,11 @@
 
 #include "content/scene/build_scene.hpp"
 #include "engine/base/error.hpp"
-#include "systems/app/capture/capture_difference.hpp"
-#include "systems/haptics/contact/device_motion.hpp"
 #include "engine/tissue/cut_setup.hpp"
 #include "engine/tissue/cut_solid_setup.hpp"
 #include "engine/tissue/heat.hpp"
+#include "systems/app/capture/capture_difference.hpp"
+#include "systems/haptics/contact/device_motion.hpp"
 #include "systems/prepare/tear_bodies.hpp"
 namespace trocar {
 namespace {

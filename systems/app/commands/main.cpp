@@ -277,8 +277,11 @@ void add_convert(CLI::App& app, int& code) {
 
 void add_view(CLI::App& app, int& code) {
     const auto o = std::make_shared<ViewOptions>();
-    CLI::App* view = app.add_subcommand("view", "Draw a mesh or a shape: textured, lit, fitted to the picture; or make the page that plays a recorded run or capture");
-    view->add_option("meshes", o->sources, "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each; or one CAPTURE.cap, live.recording or folder of a run")
+    CLI::App* view = app.add_subcommand(
+        "view", "Draw a mesh or a shape: textured, lit, fitted to the picture; or make the page that plays a recorded run or capture");
+    view->add_option(
+            "meshes", o->sources,
+            "Mesh files or shapes (shape:NAME:TRIANGLES:SEED), one tile each; or one CAPTURE.cap, live.recording or folder of a run")
         ->required();
     add_root(view, o->roots);
     view->add_option("--out", o->out, "PNG to write; of a recording the page (default: beside it)");
@@ -368,9 +371,10 @@ void add_soak(CLI::App& app, int& code) {
     soak->add_option("scene", o->scenes, "Scene files, or names of scenes that `trocar scenes` lists")->required();
     soak->add_option("--minutes", o->minutes, "Duration, minutes, of all scenes together (default 10)")->check(CLI::PositiveNumber);
     soak->add_option("--seconds", o->seconds, "Simulated time of an episode, s (default: the scene's)")->check(CLI::Range(1e-3, 1e6));
-    soak->add_option("--faults", o->faults,
-                     "Faults injected into every third episode, in turn: nan, blast (absurd velocities), pause (200 ms between two passes, "
-                     "which must change nothing), dropout (no new place of the hands for 12 passes), jump (their clocks go forward by 0.25 s)")
+    soak->add_option(
+            "--faults", o->faults,
+            "Faults injected into every third episode, in turn: nan, blast (absurd velocities), pause (200 ms between two passes, "
+            "which must change nothing), dropout (no new place of the hands for 12 passes), jump (their clocks go forward by 0.25 s)")
         ->delimiter(',')
         ->check(CLI::IsMember({"nan", "blast", "pause", "dropout", "jump"}));
     soak->add_option(

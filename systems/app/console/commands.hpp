@@ -25,8 +25,9 @@ struct RunOptions {
     bool live = false;
     std::vector<std::string> devices;  // live: BODY=SPECIFICATION, replaces the scene's scripted hand
     std::filesystem::path replay;      // recording of a live run to repeat in lockstep; empty = none
-    int view = -1;  // port of the live view; 0 = any free one, -1 = no view
-    int64_t keep_passes = -1;  // contact passes that results cover, from the first; 0 = all; -1 = all, of a view without end kMostViewedPasses
+    int view = -1;                     // port of the live view; 0 = any free one, -1 = no view
+    int64_t keep_passes =
+        -1;  // contact passes that results cover, from the first; 0 = all; -1 = all, of a view without end kMostViewedPasses
     bool render = true;
     bool player = true;              // embed the 3D player in report.html
     bool exercise = true;            // write exercise.json and exercise.csv of a scene with tools
