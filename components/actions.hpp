@@ -51,7 +51,7 @@ struct ToolAction {
     double bleeding = 0;   // m^3/s per m of the surface's new rim, of bodies that may be wet
     // grasps; reach and stiffness as of staples
     double press_force = 0;  // N, with which each of two jaws presses what lies between them
-    double friction = 0;     // of the jaws: they bear 2 friction press_force, then what they hold slips
+    double friction = 0;     // of the jaws: they bear 2 friction press_force, then what they hold slips; of a suture N/m, on its needle
     double pad = 0;          // m, radius of the pad of a jaw: both bear a torque of 4/3 friction press_force pad
     // cautery
     double power = 0;  // W, into the tissue

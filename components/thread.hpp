@@ -20,7 +20,7 @@ struct Thread {
     double damping = 20;           // 1/s, decay rate of the velocity: drag of what surrounds it
     double friction = 0.15;        // Coulomb coefficient against tissue at a bite
     double spacing = 2e-3;         // m, of its points; between half and 1.75 times that beside a bite
-    bool contact = true;           // with static, scripted and deformable bodies
+    bool contact = true;           // with all bodies but that of its needle
     bool knot = true;              // its first end bears a knot that no bite lets through
     uint32_t tool = kNone;         // that holds the needle
     Range rows;                    // of ThreadState's columns: those reserved
@@ -50,7 +50,8 @@ struct Threads {
 };
 
 // Where a body holds a thread: at its needle end, at a fixed end, or at a bite, through which the thread slides. The point of the
-// thread there is joined to a point of the body by a spring without rest length.
+// thread there is joined to a point of the body by a spring without rest length. A hold of an action that does not slide holds the needle
+// instead: engine/thread/needle_grip.hpp.
 struct ThreadHold {
     uint32_t thread = 0;
     uint32_t body = kNone;             // kNone = a place in the world
