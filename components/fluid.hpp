@@ -117,7 +117,6 @@ struct FluidState {
     std::vector<double> blood;   // m^3, of it
     std::vector<float> rise;     // m, of the liquid's surface above the vertex, before the last substep
     std::vector<float> flow;     // m^3/s over a film edge / conductance, from its first vertex to its second
-    std::vector<double> step;    // s, one per film body: of the last substep
     // How films hang together: constant unless a body is cut or tears.
     std::vector<uint32_t> from, to;   // per film edge: both vertices
     std::vector<float> conductance;   // per film edge: width of the border between two cells / distance of their vertices
@@ -130,7 +129,7 @@ struct FluidState {
     Puffs puffs;
     FluidLedger ledger;
     SmokeLedger smoke;
-    TROCAR_FIELDS(volume, "m^3", blood, "m^3", rise, "m", flow, "m^3/s", step, "s", from, to, conductance, crowding, triangles, bleeding,
+    TROCAR_FIELDS(volume, "m^3", blood, "m^3", rise, "m", flow, "m^3/s", from, to, conductance, crowding, triangles, bleeding,
                   "m^3/s", edge, heat, "J", drops, puffs, ledger, smoke);
 };
 

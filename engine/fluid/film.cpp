@@ -254,7 +254,6 @@ void flow_edges(float gravity, float seconds, const Film& film, uint32_t tick, F
             const Eight moved = mul(mul(conductance, fill(dt)), middle), part = mul(magnitude(moved), donor.at[1]);
             if (ticks > 1 && _mm256_movemask_ps(_mm256_cmp_ps(part, fill(kMostOut), _CMP_GT_OQ))) continue;
             const bool calm = _mm256_movemask_ps(_mm256_cmp_ps(part, fill(0.4f * kMostOut), _CMP_GT_OQ)) == 0;
-            s.shortest = std::min(s.shortest, ticks);
             s.due[block] = static_cast<uint8_t>(tick + ticks);
             s.ticks[block] = static_cast<uint8_t>(calm ? std::min<uint32_t>(2 * ticks, s.most[block]) : ticks);
             alignas(32) float leaves[8];
@@ -338,7 +337,7 @@ float liquid_rise(float thickness, float upright, float relief) {
 
 void flow_film(const FluidParams& params, double gravity, double seconds, const FilmShape& shape, const Film& film, FilmScratch& s) {
     resize(film, s);
-    s.steps = 0, s.shortest = kMostSubsteps;
+    s.steps = 0;
     const Mixture mixture(params);
     const float g = static_cast<float>(gravity), all = static_cast<float>(seconds);
     load_film(shape, film, s);
@@ -352,7 +351,6 @@ void flow_film(const FluidParams& params, double gravity, double seconds, const 
         std::erase_if(s.awake, [&](uint32_t first) { return s.due[first / kFilmBlock] == kMostSubsteps; });
     }
     if (s.steps == 0) return;
-    *film.step = seconds * s.shortest / kMostSubsteps;
     for (size_t v = 0; v < s.amount.size(); ++v) film.volume[v] = s.amount[v].volume, film.blood[v] = s.amount[v].blood;
 }
 

@@ -23,7 +23,6 @@ struct Film {
     std::span<double> blood;             // m^3, of it
     std::span<float> rise;               // m, of the liquid's surface above the vertex, before the last substep
     std::span<float> flow;               // m^3/s, per edge: see FluidState
-    double* step = nullptr;              // s, the shortest of the last call
 };
 
 // Edges that are looked at together.
@@ -62,7 +61,6 @@ struct FilmScratch {
     std::vector<uint32_t> cells;  // first cells of blocks with an end of these
     uint64_t waves = 0;           // the needs of all cells, in eight bytes
     bool spreads = false;         // a cell has become wet
-    uint32_t shortest = 0;        // ticks of the shortest step
     uint32_t steps = 0;           // of blocks of edges in the last call, with those that were tried and shortened
 };
 

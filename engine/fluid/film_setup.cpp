@@ -50,7 +50,6 @@ void add_film(const Meshes& meshes, uint32_t prototype, uint32_t body, const Fil
     for (auto* each : {&state.rise, &state.crowding}) each->resize(film.cells.end(), 0.0f);
     for (auto* each : {&state.flow, &state.conductance}) each->resize(film.edges.end(), 0.0f);
     for (auto* each : {&state.from, &state.to}) each->resize(film.edges.end(), 0u);
-    state.step.push_back(0);
     state.triangles.push_back(room.changes ? hash_triangles(mesh.triangle) : 0);
     connect_film(meshes, prototype, film, state);
 }
@@ -109,9 +108,8 @@ Wound place_wound(const Meshes& meshes, uint32_t prototype, uint32_t film, const
 Film film_of(const Fluids& fluids, FluidState& state, uint32_t film) {
     const Range cells = fluids.body[film].cells, edges = fluids.body[film].edges;
     const auto cut = [](auto& rows, Range range) { return std::span(rows).subspan(range.first, range.count); };
-    return {cut(state.from, edges),     cut(state.to, edges),     cut(state.conductance, edges),
-            cut(state.crowding, cells), cut(state.volume, cells), cut(state.blood, cells),
-            cut(state.rise, cells),     cut(state.flow, edges),   &state.step[film]};
+    return {cut(state.from, edges),   cut(state.to, edges),    cut(state.conductance, edges), cut(state.crowding, cells),
+            cut(state.volume, cells), cut(state.blood, cells), cut(state.rise, cells),        cut(state.flow, edges)};
 }
 
 uint32_t find_film(const Fluids& fluids, uint32_t body) {

@@ -656,7 +656,7 @@ void check_fluids(const World& w) {
     const size_t cells = s.volume.size(), edges = s.flow.size();
     require(s.blood.size() == cells && s.rise.size() == cells && s.crowding.size() == cells && s.from.size() == edges &&
                 s.to.size() == edges && s.conductance.size() == edges && f.share.size() == f.spot.size() &&
-                s.step.size() == f.body.size() && s.triangles.size() == f.body.size() && s.bleeding.size() == f.wound.size() &&
+                s.triangles.size() == f.body.size() && s.bleeding.size() == f.wound.size() &&
                 (s.heat.empty() || s.heat.size() == w.actions.action.size()),
             "fluids: arrays of different length");
     const FluidParams& p = f.params;
