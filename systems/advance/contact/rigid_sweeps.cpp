@@ -14,49 +14,36 @@ Vec4d velocity_at(const SweptConstraint& c, std::span<const SweptBody> bodies) {
     return a.velocity + cross(a.spin, c.arm[0]) - b.velocity - cross(b.spin, c.arm[1]);
 }
 
-void push(const SweptConstraint& c, double impulse, std::span<SweptBody> bodies) {
-    SweptBody &a = bodies[c.body[0]], &b = bodies[c.body[1]];
-    if (c.inv_mass[0] > 0) {  // what stands still is shared by threads
-        a.velocity += (impulse * c.inv_mass[0]) * c.normal;
-        a.spin += impulse * c.turned[0];
-    }
-    if (c.inv_mass[1] > 0) {
-        b.velocity -= (impulse * c.inv_mass[1]) * c.normal;
-        b.spin -= impulse * c.turned[1];
+void give_impulse(const SweptConstraint& c, Vec4d impulse, std::span<SweptBody> bodies) {
+    for (int side = 0; side < 2; ++side) {
+        SweptBody& body = bodies[c.body[side]];
+        if (body.inv_mass == 0) continue;  // what stands still is shared by threads
+        const Vec4d j = side == 0 ? impulse : -impulse;
+        body.velocity += body.inv_mass * j;
+        body.spin += respond(body, cross(c.arm[side], j));
     }
 }
 
-void rub(const SweptConstraint& c, Vec4d impulse, std::span<SweptBody> bodies) {
-    SweptBody &a = bodies[c.body[0]], &b = bodies[c.body[1]];
-    if (c.inv_mass[0] > 0) {
-        a.velocity += c.inv_mass[0] * impulse;
-        a.spin += respond(a, cross(c.arm[0], impulse));
-    }
-    if (c.inv_mass[1] > 0) {
-        b.velocity -= c.inv_mass[1] * impulse;
-        b.spin -= respond(b, cross(c.arm[1], impulse));
-    }
-}
-
-// As solve_angular_constraint.
+// As solve_angular_constraint, but applies both impulses at once. Returns the square of the change.
 double solve_swept(SweptConstraint& c, std::span<SweptBody> bodies) {
     Vec4d velocity = velocity_at(c, bodies);
     const double normal_impulse = std::max(0.0, c.normal_impulse - (dot(c.normal, velocity) - c.target_velocity) * c.effective_mass);
     if (normal_impulse == 0 && c.normal_impulse == 0 && norm2(c.friction_impulse) == 0) return 0;
     const double normal_change = normal_impulse - c.normal_impulse;
     c.normal_impulse = normal_impulse;
-    double change = std::abs(normal_change);
-    if (normal_change != 0) push(c, normal_change, bodies);
+    Vec4d impulse = normal_change * c.normal;
+    double change2 = normal_change * normal_change;
     if (c.friction > 0) {
-        velocity = velocity_at(c, bodies);
+        velocity += normal_change * c.response;
         const Vec4d sliding = velocity - dot(c.normal, velocity) * c.normal;
         const Vec4d friction = limit_friction(c.friction_impulse - c.friction_mass * sliding, c.friction * normal_impulse);
         const Vec4d friction_change = friction - c.friction_impulse;
         c.friction_impulse = friction;
-        rub(c, friction_change, bodies);
-        change = std::max(change, std::sqrt(norm2(friction_change)));
+        impulse += friction_change;
+        change2 = std::max(change2, norm2(friction_change));
     }
-    return c.effective_mass > 0 ? change / c.effective_mass : 0;
+    give_impulse(c, impulse, bodies);
+    return c.effective_mass > 0 ? change2 / (c.effective_mass * c.effective_mass) : 0;
 }
 
 }  // namespace
@@ -98,7 +85,7 @@ SweptConstraint compact(const AdvanceIsland& island, std::span<const SweptBody> 
     SweptConstraint c;
     c.normal = from.normal;
     c.friction_impulse = from.friction_impulse;
-    c.friction_before = c.friction_direction = Vec4d{};
+    c.friction_before = c.friction_direction = c.response = Vec4d{};
     c.normal_impulse = from.normal_impulse;
     c.normal_before = c.normal_direction = 0;
     c.target_velocity = from.target_velocity;
@@ -109,8 +96,8 @@ SweptConstraint compact(const AdvanceIsland& island, std::span<const SweptBody> 
         const uint32_t free = from.angular.free[side];
         c.body[side] = free == kNone ? uint32_t(island.free.size()) : free;
         c.arm[side] = from.angular.arm[side];
-        c.inv_mass[side] = bodies[c.body[side]].inv_mass;
-        c.turned[side] = respond(bodies[c.body[side]], cross(c.arm[side], c.normal));
+        const SweptBody& body = bodies[c.body[side]];
+        c.response += body.inv_mass * c.normal + cross(respond(body, cross(c.arm[side], c.normal)), c.arm[side]);
     }
     c.from = &from;
     return c;
@@ -121,15 +108,15 @@ void store_impulses(std::span<const SweptConstraint> constraints) {
 }
 
 SweepChange sweep(std::span<SweptConstraint> constraints, std::span<SweptBody> bodies) {
-    SweepChange all;
+    double velocity2 = 0, squared_impulse = 0;
     for (SweptConstraint& c : constraints) {
         c.normal_before = c.normal_impulse;
         c.friction_before = c.friction_impulse;
-        all.velocity = std::max(all.velocity, solve_swept(c, bodies));
+        velocity2 = std::max(velocity2, solve_swept(c, bodies));
         const double normal = c.normal_impulse - c.normal_before;
-        all.squared_impulse += normal * normal + norm2(c.friction_impulse - c.friction_before);
+        squared_impulse += normal * normal + norm2(c.friction_impulse - c.friction_before);
     }
-    return all;
+    return {std::sqrt(velocity2), squared_impulse};
 }
 
 void move_on(double share, std::span<SweptConstraint> constraints, std::span<SweptBody> bodies) {
@@ -141,8 +128,7 @@ void move_on(double share, std::span<SweptConstraint> constraints, std::span<Swe
         if (share == 0) continue;
         c.normal_impulse += normal_on;
         c.friction_impulse += friction_on;
-        push(c, normal_on, bodies);
-        rub(c, friction_on, bodies);
+        give_impulse(c, normal_on * c.normal + friction_on, bodies);
     }
 }
 

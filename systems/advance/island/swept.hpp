@@ -15,16 +15,15 @@ struct SweptBody {
 };
 
 // A constraint between free bodies, or of one with what stands still: what sweeps need of PreparedConstraint, a third of its size,
-// and the responses of both bodies to a unit impulse along the normal.
+// and the response to a unit impulse along the normal.
 struct alignas(64) SweptConstraint {
     Vec4d normal;
     Vec4d arm[2];            // m
-    Vec4d turned[2];         // rad/s per N s: change of the spin by the impulse on that side
+    Vec4d response;          // 1/kg, change of the relative velocity
     Vec4d friction_impulse;  // N s
     Vec4d friction_before, friction_direction;
     double normal_impulse, normal_before, normal_direction;  // N s
     double target_velocity, effective_mass, friction, friction_mass;
-    double inv_mass[2];  // 1/kg
     uint32_t body[2];
     PreparedConstraint* from;
 };

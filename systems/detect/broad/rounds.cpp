@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/contact/convex_pairs.hpp"
 #include "engine/contact/tool_parts.hpp"
 #include "engine/geometry/quaternion.hpp"
 
@@ -13,10 +14,6 @@ double radius_of(const Surfaces& s, uint32_t body) { return s.meshes.info[s.bodi
 
 // Bound on the speed of a rigid body's points relative to its origin, m/s.
 double turning_speed(const Surfaces& s, uint32_t body) { return s.poses.angular_velocity[body].norm() * radius_of(s, body); }
-
-// m, that a body of this radius may move relative to another of at least this size. The factor by trial: with 1 to 6 boxes that slam down
-// on edges stay within the tolerance.
-double longest_motion(double tolerance, double radius) { return std::sqrt(2.5 * radius * tolerance); }
 
 struct PressedPair {
     std::array<uint32_t, 2> bodies;
