@@ -257,7 +257,7 @@ TEST(ConvexManifolds, StageLeavesTrianglesAlone) {
     EXPECT_EQ(scene.contact_constraints.body.size(), 4u);
     const auto moves = [&](double ways) {
         const double radius = scene.meshes.info[scene.bodies.mesh[0]].radius;
-        scene.poses.velocity[0].x() = ways * longest_way(scene.settings.contact.tolerance, radius) / scene.period;
+        scene.poses.velocity[0].x() = ways * longest_motion(scene.settings.contact.tolerance, radius) / scene.period;
         scene.run();
     };
     moves(0.9);
