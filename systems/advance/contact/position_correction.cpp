@@ -110,19 +110,22 @@ void meet_midway(const ContactSolver& solver, const ConstraintGroup& group, uint
     });
 }
 
-// Finds the nodes that overlapping constraints press from opposite sides and across, beyond 30 degrees from one line: tissue between
-// the teeth of closed jaws, or pierced by edges. No displacement frees them, and midway of such planes is another place in every pass,
-// so that corrections would strain the tissue pass after pass.
+// Finds the nodes that what does not yield (jaws, hands, static bodies) presses from opposite sides and across, beyond 30 degrees from
+// one line: tissue between the teeth of closed jaws, or pierced by edges. No displacement frees them, and midway of such planes is another
+// place in every pass, so that corrections would strain the tissue pass after pass.
 void find_tangled_nodes(ContactSolver& solver, AdvanceIsland& island) {
     ContactNodeSet& nodes = island.nodes;
     nodes.pressed.assign(nodes.node.size(), Vec4d{});
     nodes.tangled.assign(nodes.node.size(), 0);
+    const auto is_led = [&](uint32_t rigid) {
+        return rigid != kNone && (island.rigid[rigid].free == kNone || island.free[island.rigid[rigid].free].held);
+    };
     const auto for_each_direction = [&](const auto& visit) {
         for_each_group(solver, [&](const ConstraintGroup& group) {
             Vec4d normal;
             for (const uint32_t i : group.active) {
                 const PreparedConstraint& c = solver.prepared[i];
-                if (!(-separation_after(island, c, normal) > kRestingOverlap)) continue;
+                if ((!is_led(c.rigid_a) && !is_led(c.rigid_b)) || !(-separation_after(island, c, normal) > kRestingOverlap)) continue;
                 for (uint32_t k = 0; k < c.nodes; ++k)
                     if (c.correction_weight[k] != 0) visit(c.node[k], k < c.point_nodes ? normal : -normal);
             }
