@@ -125,8 +125,6 @@ fs::path find_below(const fs::path& folder, const std::string& name) {
     return {};
 }
 
-// The environment variable TROCAR_PEER_FLAGS has what else the engines were compiled with: Jolt ends a program whose definitions are not
-// those of its library.
 // Compiles and loads the adapter to an engine whose headers and static library lie below DIR/`folder`. A peer that is not there, or
 // does not compile, is a line of the report.
 void load_peer(const std::string& name, const fs::path& peers, const std::string& folder, const std::string& headers,
@@ -139,6 +137,7 @@ void load_peer(const std::string& name, const fs::path& peers, const std::string
     const fs::path built = find_below(root, library);
     if (built.empty()) return missing("no " + library + " below " + root.string() + ": build it, with -fPIC, as its authors say");
     const fs::path made = fs::temp_directory_path() / ("trocar_" + adapter + "_" + std::to_string(getpid()) + ".so");
+    // what else the engine was compiled with: Jolt ends a program whose definitions are not those of its library
     const char* flags = std::getenv("TROCAR_PEER_FLAGS");
     const std::string command = "c++ -std=c++20 -O3 -mavx2 -mbmi -mpopcnt -mlzcnt -mf16c -mfma -DNDEBUG -shared -fPIC -w " +
                                 std::string(flags ? flags : "") + " -I'" + TROCAR_SOURCE_DIR + "' -I'" + (root / headers).string() +
@@ -148,7 +147,9 @@ void load_peer(const std::string& name, const fs::path& peers, const std::string
     void* loaded = dlopen(made.c_str(), RTLD_NOW | RTLD_LOCAL);
     fs::remove(made);
     if (!loaded) return missing(dlerror());
-    add_peer(name, reinterpret_cast<PileEngine (*)()>(dlsym(loaded, "pile_engine"))(), out);
+    const auto engine = reinterpret_cast<PileEngine (*)()>(dlsym(loaded, "pile_engine"));
+    if (!engine) return missing(dlerror());
+    add_peer(name, engine(), out);
 }
 
 // One heap of ours and one of every peer, pass by pass in turn.

@@ -23,9 +23,11 @@ constexpr double kSpent = 1e-9;      // m, of travel: a pair that has no more is
 // pressed flat as 1.25 times the way takes at push_speed. What yields is apart after 1.0 (balls of tissue, solid and shell, that
 // overlap by 10 to 45 % of their size); what does not, gains energy with every correction from there on
 constexpr double kHeldTravel = 4 / 1.25;
-constexpr int kPartingShifts =
-    256;  // what is left then is moved in later passes: a body 100 times as light takes 99 % of a move that a neighbour undoes
+// What is left after so many sweeps is moved in later passes: of a neighbour and a body 100 times as light the lighter one takes 99 % of
+// what the other undoes.
+constexpr int kPartingShifts = 256;
 constexpr double kShiftsDone = 1e-7;  // m, sweeps end when none moves bodies by more
+constexpr double kLeastUsed = 0.1;    // of a step: travel that a pair loses though neighbours block it, so that it comes to rest
 
 bool is_anchored(const AdvanceInputs& in, const Particles& particles, uint32_t body) {
     const Range nodes = mass_nodes_of(in, body);
@@ -55,11 +57,11 @@ double loose_mass(const AdvanceInputs& in, const PartingBodies& parting, const P
     return mass;
 }
 
-// Moves b by `way` relative to a; both by their inverse masses, as far as they can be moved.
-void move_apart(const Vec3d& way, std::array<double, 2> mass, uint32_t a, uint32_t b, std::vector<Vec3d>& shift) {
+// Moves b by `step` relative to a; both by their inverse masses, as far as they can be moved.
+void move_apart(const Vec3d& step, std::array<double, 2> mass, uint32_t a, uint32_t b, std::vector<Vec3d>& shift) {
     const double share = mass[0] == 0 ? 1 : mass[1] == 0 ? 0 : mass[0] / (mass[0] + mass[1]);  // of b
-    shift[a] -= (1 - share) * way;
-    shift[b] += share * way;
+    shift[a] -= (1 - share) * step;
+    shift[b] += share * step;
 }
 
 // Shifts that part the pairs by `step`, m along their directions, and bring no body nearer to a neighbour than they touch.
@@ -104,10 +106,6 @@ void move_body(const Vec3d& shift, uint32_t body, const AdvanceInputs& in, Parti
         o.x += static_cast<float>(shift.x()), o.y += static_cast<float>(shift.y()), o.z += static_cast<float>(shift.z());
     }
 }
-
-}  // namespace
-
-namespace {
 
 // What the bodies that are moved as a whole touch, or are near to, besides the bodies they are parted from.
 void find_neighbours(const AdvanceInputs& inputs, const PairMemory& pairs, const Poses& poses, const ContactConstraints& constraints,
@@ -174,18 +172,19 @@ double part_bodies(const AdvanceInputs& inputs, const AdvanceParams& params, dou
         scratch.step[p] = step;
     }
     find_shifts(pairs, scratch.step, scratch);
+    for (Vec3d& shift : scratch.shift)
+        if (const double length = shift.norm(); length > most) shift *= most / length;
     for (size_t p = 0; p < pairs.a.size(); ++p) {
         if (!(scratch.step[p] > 0)) continue;
         const double parted = pairs.direction[p].normalized().dot(scratch.shift[pairs.b[p]] - scratch.shift[pairs.a[p]]);
         deepest = std::max(deepest, scratch.depth[p] - parted);
-        shorten(scratch.step[p], pairs.direction[p]);
+        shorten(std::clamp(parted, kLeastUsed * scratch.step[p], scratch.step[p]), pairs.direction[p]);
     }
     for (size_t p = 0; p < pairs.a.size(); ++p) {
         for (const auto& [body, mass] : {std::pair(pairs.a[p], scratch.mass[p][0]), {pairs.b[p], scratch.mass[p][1]}}) {
-            Vec3d shift = scratch.shift[body];
+            const Vec3d shift = scratch.shift[body];
             scratch.shift[body].setZero();
             if (shift.isZero(0)) continue;
-            shift *= std::min(1.0, most / shift.norm());
             move_body(shift, body, inputs, particles, poses);
             if (params.account_energy) work_push -= mass * params.gravity.dot(shift);
         }

@@ -18,11 +18,12 @@ namespace trocar {
 namespace {
 
 constexpr uint32_t kComponentsPerChunk = 4;
-// Components of more than kManyConstraints and up to kMostMoving in which a point of contact is faster than kLeastBounce are swept this
-// often and then only until no relative velocity changes by kMovingChange, m/s: the next substep goes on from there. By trial on piles of
-// boxes (stress_pile, convex hulls; worst overlap of all passes by triangles): 100 of them for 1 s, seeds 1 to 3, 0.65, 0.56, 0.57 mm in
-// half the time of convergence with direct solutions, 1,000 for 0.6 s 0.90 mm. With 0.02 m/s 100 overlap as little and 1,000 by 2.3 mm.
-// Without regard to the change 8, 12, 16, 24 sweeps leave 2.7, 2.2, 0.86, 0.67 mm among 100.
+// Components of more than kManyConstraints are swept kSweepsMoving times before they are solved directly, smaller ones are not: a ball that
+// slides in a trough would gain a hundredth of its speed. If a point of contact is faster than kLeastBounce, those of up to kMostMoving are
+// swept so often and then only until no relative velocity changes by kMovingChange, m/s: the next substep goes on from there. By trial on
+// piles of boxes (stress_pile, convex hulls; worst overlap of all passes by triangles): 100 of them for 1 s, seeds 1 to 3, 0.65, 0.56, 0.57
+// mm in half the time of convergence with direct solutions, 1,000 for 0.6 s 0.90 mm. With 0.02 m/s 100 overlap as little and 1,000 by 2.3
+// mm. Without regard to the change 8, 12, 16, 24 sweeps leave 2.7, 2.2, 0.86, 0.67 mm among 100.
 constexpr uint32_t kSweepsMoving = 24, kManyConstraints = 48, kMostMoving = 512;
 constexpr double kMovingChange = 0.005;
 
@@ -176,12 +177,12 @@ bool converge_list(const AdvanceCall& call, const ContactSolver& solver, Sweeps 
 bool converge_component(const AdvanceCall& call, const ContactSolver& solver, ContactComponents& components, AdvanceIsland& island,
                         std::span<PreparedConstraint* const> constraints, DirectSolve& direct, std::vector<SweptConstraint>& list) {
     // what moves in a pile need not be exact; what sways needs direct solutions
-    const bool many = constraints.size() > kManyConstraints,
-               moving = components.sweeps.all && constraints.size() <= kMostMoving && any_moves(constraints, components.sweeps.body);
-    const Sweeps first{many && moving ? affordable_sweeps(call, solver, kMostSweeps) : kSweepsMoving, many && moving};
-    if (components.sweeps.all && !solver.bounces && (many || moving)) {
+    if (components.sweeps.all && !solver.bounces && constraints.size() > kManyConstraints) {
+        const bool moving = constraints.size() <= kMostMoving && any_moves(constraints, components.sweeps.body);
+        const uint32_t affordable = affordable_sweeps(call, solver, kMostSweeps);
+        const Sweeps first{moving ? affordable : std::min(kSweepsMoving, affordable), moving};
         const bool stopped = converge_list(call, solver, first, constraints, components.sweeps.body, list, island);
-        if (!stopped || first.moving) return stopped && first.most < kMostSweeps;
+        if (!stopped || moving) return stopped && affordable < kMostSweeps;
     }
     // not while something bounces: a direct solution would hold bodies together that are about to separate
     const bool direct_too = !solver.bounces && prepare_direct(island, components, constraints, direct);

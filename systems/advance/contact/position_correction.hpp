@@ -20,8 +20,8 @@ struct CorrectionSweep {
 // over about one pass: its edges and corners touch other features in every pass, and moved out at once the tissue
 // chatters. One sweep; if bodies share corrections by mass and no hand leads one, up to
 // ContactParams::iterations sweeps, and if more than one, then up to 15 times as many for overlaps above
-// ContactParams::tolerance but no deeper than push_speed removes in the substep. Constraints of a particle that what does not yield presses from
-// opposite sides and across are left (Report::opposing_planes counts them): impulses keep them from getting deeper. In the last substep it
+// ContactParams::tolerance but no deeper than push_speed removes in the substep. Constraints of a particle that jaws, hands, scripted or static
+// bodies press from opposite sides and across are left (Report::opposing_planes counts them): impulses keep them from getting deeper. In the last substep it
 // also accounts for the work, records the deepest residual and counts nodes pressed from opposite sides.
 void correct_positions(const AdvanceCall& call, ContactSolver& solver, AdvanceIsland& island, const AdvanceState& state,
                        AdvanceResult& result);

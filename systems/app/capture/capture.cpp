@@ -85,7 +85,12 @@ CaptureTriggers parse_capture_triggers(const std::string& text) {
 
 FrameRecorder::FrameRecorder(const Frame& frame, CaptureHeader header, const CaptureTriggers& triggers, std::filesystem::path folder,
                              size_t most_bytes, uint64_t passes)
-    : frame_(frame), header_(std::move(header)), triggers_(triggers), folder_(std::move(folder)), most_bytes_(most_bytes) {
+    : frame_(frame),
+      meshes_(frame.world().meshes),
+      header_(std::move(header)),
+      triggers_(triggers),
+      folder_(std::move(folder)),
+      most_bytes_(most_bytes) {
     scene_.kind = "scene";
     save_resources(frame.world(), ResourceKind::kConstant, scene_);
     report_ = frame.world().report;
@@ -151,7 +156,7 @@ void FrameRecorder::write(const Kept& kept, uint64_t last_pass, const std::strin
             for (const CaptureStep& step : stretch->steps)
                 if (step.pass <= last_pass) writer->add(to_record(step));
         }
-        writer->add(picture_record(picture ? *picture : snapshot_of(frame_.world()), frame_.world().meshes, header_.camera, last_pass));
+        writer->add(picture_record(picture ? *picture : snapshot_of(frame_.world()), meshes_, header_, last_pass));
         writer->finish();
     });
 }
@@ -210,7 +215,7 @@ void FrameRecorder::after_pass(const PassFigures& pass) {
             for (OpenRange& range : open_ranges_) {
                 range.writer->add(to_record(step));
                 if (step.pass != range.last) continue;
-                range.writer->add(picture_record(snapshot_of(w), w.meshes, header_.camera, step.pass));
+                range.writer->add(picture_record(snapshot_of(w), meshes_, header_, step.pass));
                 range.writer->finish();
             }
         });

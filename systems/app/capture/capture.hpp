@@ -96,6 +96,7 @@ class FrameRecorder {
     void write(const Kept& kept, uint64_t last_pass, const std::string& reason, const PictureSnapshot* picture = nullptr);
     std::unique_ptr<CaptureWriter> open(const std::string& name, const std::string& reason);
     const Frame& frame_;
+    const Meshes meshes_;  // before any cut: pictures are drawn from these and what snapshots add
     CaptureHeader header_;
     std::vector<CaptureArray> input_, input_before_;  // of this pass and of the previous one
     CaptureTriggers triggers_;

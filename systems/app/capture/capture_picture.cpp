@@ -16,12 +16,13 @@ PictureSnapshot snapshot_of(const World& world) {
     return snapshot;
 }
 
-CaptureRecord picture_record(const PictureSnapshot& snapshot, const Meshes& meshes, const Camera& camera, uint64_t pass) {
+CaptureRecord picture_record(const PictureSnapshot& snapshot, const Meshes& meshes, const CaptureHeader& header, uint64_t pass) {
     PictureParams params;
     params.width = kCapturePictureWidth, params.height = kCapturePictureHeight;
+    params.wireframe = header.wireframe, params.depth_colours = header.depth_colours;
     std::vector<std::byte> png;
     try {
-        PictureWriter writer(params, camera, meshes, {});
+        PictureWriter writer(params, header.camera, meshes, {});
         writer.take(snapshot);
         png = encode_png(writer.image());
     } catch (const std::exception&) {

@@ -14,9 +14,9 @@ inline constexpr uint32_t kCapturePictureWidth = 320, kCapturePictureHeight = 24
 
 // What is drawn of a world, copied.
 PictureSnapshot snapshot_of(const World& world);
-// Draws it as the scene's camera sees it: the record "picture" of a capture. Without a picture where it cannot be drawn (a world that
-// broke).
-CaptureRecord picture_record(const PictureSnapshot& snapshot, const Meshes& meshes, const Camera& camera, uint64_t pass);
+// Draws it as the scene's camera sees it, from the meshes as they were when the scene was built: the record "picture" of a capture.
+// Without a picture where it cannot be drawn (a world that broke).
+CaptureRecord picture_record(const PictureSnapshot& snapshot, const Meshes& meshes, const CaptureHeader& header, uint64_t pass);
 CapturePicture read_picture(const CaptureRecord& record);
 
 }  // namespace trocar

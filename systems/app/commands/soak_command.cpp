@@ -69,19 +69,24 @@ constexpr double kClockJump = 0.25;      // s
 constexpr double kForceRounding = 1e-9;  // N
 bool is_of_device(const std::string& fault) { return fault == "dropout" || fault == "jump"; }
 
+// Whether a path is that of a hand, or of several in turn.
+bool is_of_hand(const World& world, size_t path) {
+    return std::ranges::any_of(world.haptics.tool, [&](const HandTool& t) { return t.path == path; });
+}
+
 // Hands do what they would have done by `seconds` earlier.
 void delay_hands(double seconds, World& world) {
-    for (const HandTool& tool : world.haptics.tool) {
-        if (tool.path == kNone) continue;
-        const Range keys = world.paths.keys[tool.path];
-        for (uint32_t k = keys.first; k < keys.end(); ++k) world.paths.key[k].time += seconds;
-    }
+    for (size_t p = 0; p < world.paths.body.size(); ++p)
+        for (uint32_t k = world.paths.keys[p].first; is_of_hand(world, p) && k < world.paths.keys[p].end(); ++k)
+            world.paths.key[k].time += seconds;
 }
 
 double force_over_limits(const Haptics& haptics) {
     double over = 0;
-    for (size_t t = 0; t < haptics.state.size(); ++t)
-        over = std::max(over, haptics.state[t].output.force.norm() - haptics.tool[t].max_force - kForceRounding);
+    for (size_t t = 0; t < haptics.state.size(); ++t) {
+        const double force = haptics.state[t].output.force.norm() - haptics.tool[t].max_force - kForceRounding;
+        if (!(force <= over)) over = std::isnan(force) ? std::numeric_limits<double>::infinity() : force;
+    }
     return over;
 }
 
@@ -115,14 +120,14 @@ double random_share(uint64_t& state) {
     return static_cast<double>(static_cast<int64_t>((z ^ (z >> 31)) >> 11)) / static_cast<double>(int64_t{1} << 52) - 1;
 }
 
-// Hands leave their paths: every key of a tool's path by up to kStray, of which each keeps half of the one before, so that ways are smooth.
+// Hands leave their paths: every key of a tool's path by up to kStray, of which each keeps half of the one before, so that paths are
+// smooth.
 void stray(const Paths& as_given, uint64_t seed, World& world) {
     constexpr double kStray = 0.005;  // m: what a hand misses a place by
     uint64_t state = seed;
     world.paths = as_given;
     for (size_t p = 0; p < world.paths.body.size(); ++p) {
-        const bool is_tool = std::ranges::any_of(world.haptics.tool, [&](const HandTool& t) { return t.path == p; });
-        if (!is_tool) continue;
+        if (!is_of_hand(world, p)) continue;
         Vec3d off = Vec3d::Zero();
         for (uint32_t k = world.paths.keys[p].first; k < world.paths.keys[p].end(); ++k) {
             for (double& x : off) x = 0.5 * x + 0.5 * kStray * random_share(state);
@@ -145,15 +150,18 @@ class Soaker {
         World& world = frame_.world();
         load_resources(start_, ResourceKind::kState, world);
         load_resources(start_, ResourceKind::kAccounts, world);
-        if (options_.hands >= 0) stray(paths_, static_cast<uint64_t>(options_.hands) + number / 2, world);
-        if (recorder_) options_.hands >= 0 ? recorder_->constants_changed() : recorder_->forget();
+        if (options_.hands >= 0)
+            stray(paths_, static_cast<uint64_t>(options_.hands) + number / 2, world);
+        else if (disturbed_)
+            world.paths = paths_;
+        if (recorder_) options_.hands >= 0 || disturbed_ ? recorder_->constants_changed() : recorder_->forget();
         const Paths paths = world.paths;
         Episode e;
         const bool has_fault = !options_.faults.empty() && number % kFaultPeriod == kFaultPeriod - 1;
         // in turn: a second fault in the same pass would go unnoticed
         const std::string fault = has_fault ? options_.faults[number / kFaultPeriod % options_.faults.size()] : "";
         e.with_fault = has_fault && fault != "pause";  // a pause must change nothing
-        e.of_device = is_of_device(fault);
+        e.of_device = disturbed_ = is_of_device(fault);
         const double end_tick = seconds_ * 1000;
         const auto middle = static_cast<uint64_t>(0.5 * seconds_ * world.clock.contact_rate);  // pass at half time
         std::vector<double> pass_ms, tick_us;
@@ -183,7 +191,6 @@ class Soaker {
                 soak.broken = "particles: " + std::to_string(lost) + " are not finite after pass " + std::to_string(world.clock.pass - 1);
             ++e.passes;
         }
-        if (e.of_device) restore_hands(paths);
         e.energy_share = std::max(0.0, largest_balance) / std::max(largest_energy, kLeastEnergy);
         e.median_ms = quantile(pass_ms, 0.5), e.p99_ms = quantile(pass_ms, 0.99), e.worst_ms = quantile(pass_ms, 1);
         e.tick_p99_us = quantile(tick_us, 0.99);
@@ -210,7 +217,8 @@ class Soaker {
     double seconds_;
     FrameRecorder* recorder_;
     CaptureRecord start_;
-    Paths paths_;  // as the scene has them
+    Paths paths_;             // as the scene has them
+    bool disturbed_ = false;  // they are not: they stay so for a capture of an episode that broke
 };
 
 nlohmann::ordered_json drift_json(const Drift& d) {
@@ -223,7 +231,7 @@ std::string soak_json(const Soak& soak, const Drifts& d) {
     std::vector<double> p99;
     for (const Episode& e : soak.episode) {
         residual = std::max(residual, e.residual_mm), worst = std::max(worst, e.worst_ms);
-        if (!e.with_fault) energy = std::max(energy, e.energy_share);
+        if (!e.with_fault || e.of_device) energy = std::max(energy, e.energy_share);
         p99.push_back(e.p99_ms);
     }
     return nlohmann::ordered_json{{"scene", soak.scene},
@@ -357,7 +365,7 @@ void judge_episode(const Episode& e, const Episode& first, Soak& soak) {
         soak.broken = format("hash: an episode ended in %016llx, the first in %016llx", static_cast<unsigned long long>(e.hash),
                              static_cast<unsigned long long>(first.hash));
     } else if (e.lost > 0) {
-        soak.broken = "particles: " + std::to_string(e.lost) + " were lost and restored without a fault";
+        soak.broken = "particles: " + std::to_string(e.lost) + " were lost and restored";
     } else if (e.energy_share > kEnergyShare) {
         soak.broken = format("energy: the balance is off by %.2f %% of the largest energy", 100 * e.energy_share);
     }
@@ -406,6 +414,9 @@ SoakRun soak_once(const SoakOptions& options, const std::string& name) {
     pool.run([&] {
         soak.threads = thread_count();
         BuiltScene scene = build_scene(file);
+        if (std::ranges::any_of(options.faults, is_of_device) &&
+            std::ranges::none_of(scene.world.haptics.tool, [](const HandTool& t) { return t.path != kNone; }))
+            throw InputError("--faults dropout, jump: no hand of the scene follows a path");
         Frame frame(std::move(scene.world), {});
         std::optional<FrameRecorder> recorder;
         if (!options.out.empty()) {

@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "engine/base/error.hpp"
@@ -20,17 +21,24 @@ RunOptions options_of_run(const ViewOptions& options, const fs::path& folder, co
     RunOptions run;
     run.render = run.tells = false;
     std::error_code error;
-    if (fs::exists(folder / "metrics.json", error)) {
-        const nlohmann::json metrics = nlohmann::json::parse(read_text_file(folder / "metrics.json"), nullptr, false);
-        if (!metrics.is_object()) throw InputError((folder / "metrics.json").string() + ": is no JSON object");
-        run.scene = metrics.value("scene_file", "");
-        for (const auto& pair : metrics.value("set", nlohmann::json::array())) run.overrides.push_back({pair.at(0), pair.at(1)});
-        run.seconds = metrics.value("simulated_s", 0.0);
-        if (!metrics.contains("kept_s")) run.expected_hash = metrics.value("state_hash", "");
-    }
+    bool is_of_run = true;  // the recording, and not of an earlier run into the same folder
+    const fs::path file = folder / "metrics.json";
+    if (fs::exists(file, error)) try {
+            const nlohmann::json metrics = nlohmann::json::parse(read_text_file(file), nullptr, false);
+            if (!metrics.is_object()) throw InputError(file.string() + ": is no JSON object");
+            run.scene = metrics.value("scene_file", "");
+            for (const auto& pair : metrics.value("set", nlohmann::json::array())) run.overrides.push_back({pair.at(0), pair.at(1)});
+            // half a tick less: seconds are rounded
+            const double ticks = std::round(1e3 * metrics.value("simulated_s", 0.0));
+            run.seconds = ticks > 0 ? 1e-3 * (ticks - 0.5) : 0;
+            if (!metrics.contains("kept_s")) run.expected_hash = metrics.value("state_hash", "");
+            is_of_run = metrics.value("recorded", true) || metrics.contains("replay") || options.sources.front() == recording;
+        } catch (const nlohmann::json::exception&) {
+            throw InputError(file.string() + ": scene_file, set, simulated_s, state_hash or recorded is not of its type");
+        }
     if (!options.scene.empty()) run.scene = options.scene;
     if (run.scene.empty()) throw InputError(folder.string() + ": no metrics.json there names the scene; --scene SCENE does");
-    if (fs::exists(recording, error)) run.replay = recording, run.seconds = 0;
+    if (is_of_run && fs::exists(recording, error)) run.replay = recording, run.seconds = 0;
     return run;
 }
 
@@ -67,6 +75,7 @@ int view_recording(const ViewOptions& options) {
     if (page.extension() != ".html") throw InputError(page.string() + ": the page's name must end in .html");
     if (!has_player())
         throw InputError("view: this program was built without the player: Node.js and npm, or the packages they load, were not there");
+    if (is_capture && !options.scene.empty()) throw InputError("--scene: a capture holds its scene");
     int code = kDone;
     if (is_capture) {
         const Capture capture = open_capture(source);

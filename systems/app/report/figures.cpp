@@ -284,6 +284,7 @@ std::string metrics_json(const RunFigures& f) {
     for (size_t row = 0; row < f.drive.size(); ++row) j["nodes"].push_back(drive_json(f, row));
     if (f.stopped_by != 0) j["stopped_by"] = name_of_signal(f.stopped_by);
     if (f.capture_asked) j["captures"] = f.captures, j["capture_s"] = f.capture_s;
+    j["recorded"] = f.recorded;  // to live.recording in this folder
     if (f.replay) j["replay"] = {{"same", f.replay_difference.empty()}, {"difference", f.replay_difference}};
     j["energy"] = energy_json(f);
     for (const LinkFigures& l : f.link)

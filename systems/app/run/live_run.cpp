@@ -249,7 +249,9 @@ void heed_viewers(const RunParts& run, LiveRecording* recording) {
         if (command.kind == ViewCommand::Kind::kBleed)
             run.view->tell(w.bodies.name[command.body] + format(" bleeds %.0f ml/min", 6e7 * command.rate) + from);
         if (command.kind == ViewCommand::Kind::kSlip) run.view->tell("the staple holds no more" + from);
-        if (run.recorder) sets || command.kind == ViewCommand::Kind::kGrab ? run.recorder->constants_changed() : run.recorder->forget();
+        // a hand that moves only ends what a capture reaches back to; all else ends a range of passes, too
+        const bool moves = command.kind == ViewCommand::Kind::kPull || command.kind == ViewCommand::Kind::kLet;
+        if (run.recorder) moves ? run.recorder->forget() : run.recorder->constants_changed();
         if (recording) recording->command.push_back(std::move(command));
     }
     if (!run.actions) return;

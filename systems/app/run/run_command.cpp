@@ -65,7 +65,9 @@ bool too_many_to_export(const World& world) {
 void start_figures(const BuiltScene& scene, const SceneFile& file, const Frame& frame, const RunOptions& options, RunFigures& figures) {
     figures.scene = file.settings.name;
     std::error_code error;
-    figures.scene_file = fs::exists(options.scene, error) ? fs::absolute(options.scene).string() : options.scene;
+    // a folder of that name, as of results, hides no scene
+    const bool is_file = fs::exists(options.scene, error) && !fs::is_directory(options.scene, error);
+    figures.scene_file = is_file ? fs::absolute(options.scene).string() : options.scene;
     for (const Override& o : options.overrides) figures.overridden.push_back({o.key, o.value});
     figures.description = file.settings.description;
     figures.version = program_version();

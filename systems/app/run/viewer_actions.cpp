@@ -180,7 +180,9 @@ void ViewerActions::open_vessel(uint32_t body, const Vec3d& point, double rate, 
     const std::string name = "\"" + w.bodies.name[body] + "\"";
     const uint32_t film = find_film(w.fluids, body);
     if (film == kNone) throw InputError(name + " is never wet: [fluid] bodies of its scene does not name it");
-    if (w.fluid_state.edge.size() >= w.fluid_state.edge.capacity()) throw InputError("there is no room for more bleeding");
+    if (is_off(w.node_state, body)) throw InputError(name + " is not there");
+    if (vessels_ >= kVessels || w.fluid_state.edge.size() >= w.fluid_state.edge.capacity())
+        throw InputError("there is no room for more bleeding");
     const Surfaces s = surfaces_of(w);
     const Range triangles = w.meshes.info[w.bodies.mesh[body]].triangles;
     BleedingEdge edge{film, kNone, kNone, rate};
@@ -196,6 +198,7 @@ void ViewerActions::open_vessel(uint32_t body, const Vec3d& point, double rate, 
     }
     if (edge.a == kNone) throw InputError(name + ": no surface is near");
     w.fluid_state.edge.push_back(edge);
+    ++vessels_;
 }
 
 void ViewerActions::slip_staple(const Vec3d& point, World& w) {
@@ -213,6 +216,8 @@ void ViewerActions::slip_staple(const Vec3d& point, World& w) {
     const LinkGroup& g = w.links.group[find_link_group(w.links, staples[nearest].group)];
     for (const uint32_t body : {g.body, g.holder})
         if (body != kNone) wake_held(w, body);
+    double& most = w.action_state.progress[staples[nearest].action].largest_force;
+    most = std::max(most, g.largest_force);
     free_link_group(w.links, staples[nearest].group, w.energy);
     staples.erase(staples.begin() + static_cast<ptrdiff_t>(nearest));
     LinkScratch scratch;

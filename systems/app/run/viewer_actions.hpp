@@ -49,6 +49,7 @@ class ViewerActions {
     void move_links(World& world, const Vec3d& by);
     void pull_rigid(World& world, double seconds);
     Vec3d held_place(const World& world) const;
+    uint32_t vessels_ = 0;  // opened
     uint32_t body_ = kNone;
     Entity links_;                // of a soft body
     Vec3d arm_ = Vec3d::Zero();   // m, body frame: held point of a rigid one

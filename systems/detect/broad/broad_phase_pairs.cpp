@@ -3,6 +3,7 @@
 #include <immintrin.h>
 
 #include <algorithm>
+#include <iterator>
 #include <limits>
 #include <numeric>
 
@@ -133,6 +134,7 @@ void sort_found(uint32_t bodies, BroadPhaseScratch& scratch) {
     first.assign(bodies + 1, 0);
     for (const auto& [a, b] : scratch.found) ++first[a + 1];
     for (uint32_t i = 0; i < bodies; ++i) first[i + 1] += first[i];
+    scratch.near.reserve(scratch.merged.capacity());
     scratch.near.resize(scratch.found.size());
     for (const auto& pair : scratch.found) scratch.near[first[pair[0]]++] = pair;
     for (uint32_t a = 0, begin = 0; a < bodies; begin = first[a++])
@@ -157,6 +159,7 @@ void sweep_all(const Bodies& bodies, const BodyBoxes& boxes, std::span<const std
     scratch.excluded.assign(excluded.begin(), excluded.end());
     scratch.strays.assign(count, 0), scratch.leaves.assign(count, 0);
     scratch.stray.clear(), scratch.leaving.clear();
+    scratch.stray.reserve(count), scratch.leaving.reserve(count);  // any number may stray in a pass
     scratch.loose.resize(count);
     for (uint32_t body = 0; body < count; ++body) scratch.loose[body] = loose_box(boxes.box[body], looseness);
 
@@ -220,8 +223,11 @@ bool follow_strays(const Bodies& bodies, const BodyBoxes& boxes, std::span<const
     for (const uint32_t body : scratch.leaving) pair_anew(bodies, body, scratch);
     for (const uint32_t body : scratch.leaving) scratch.leaves[body] = 0;
     std::ranges::sort(scratch.found);
-    const auto kept = scratch.near.insert(scratch.near.end(), scratch.found.begin(), scratch.found.end());
-    std::inplace_merge(scratch.near.begin(), kept, scratch.near.end());
+    scratch.merged.clear();
+    // they change places: each gets the room of the larger, so that a scene that repeats itself allocates nothing
+    scratch.merged.reserve(std::max(scratch.near.capacity(), scratch.near.size() + scratch.found.size()));
+    std::ranges::merge(scratch.near, scratch.found, std::back_inserter(scratch.merged));
+    scratch.near.swap(scratch.merged);
     return true;
 }
 

@@ -28,11 +28,12 @@ struct BroadPhaseScratch {
     uint32_t passes = 0;            // since the last sweep of all bodies
     uint32_t exact_passes = 0;      // passes yet for which loose boxes do not pay
 
-    std::vector<Box> loose;                      // per body: contains its box until the body strays
-    std::vector<uint8_t> strays, leaves;         // per body: whether it left its loose box since the last sweep of all; in this pass
-    std::vector<uint32_t> stray, leaving;        // those bodies
-    std::vector<std::array<uint32_t, 2>> near;   // pairs of bodies whose loose boxes overlap, ascending
-    std::vector<std::array<uint32_t, 2>> found;  // unsorted
+    std::vector<Box> loose;                       // per body: contains its box until the body strays
+    std::vector<uint8_t> strays, leaves;          // per body: whether it left its loose box since the last sweep of all; in this pass
+    std::vector<uint32_t> stray, leaving;         // those bodies
+    std::vector<std::array<uint32_t, 2>> near;    // pairs of bodies whose loose boxes overlap, ascending
+    std::vector<std::array<uint32_t, 2>> merged;  // near and found
+    std::vector<std::array<uint32_t, 2>> found;   // unsorted
     std::vector<uint32_t> first;
     std::vector<std::array<uint32_t, 2>> excluded;  // of near
     std::vector<Box> box;                           // of update_candidate_pairs' last use
