@@ -487,7 +487,7 @@ void share_room(std::span<AdvanceScratch> scratches) {
         s.solver.group.resize(groups), s.tissue.body_shape_sums.resize(chunks), s.components.direct.resize(directs);
     for (size_t g = 0; g < groups; ++g)
         level([&](AdvanceScratch& s) -> ConstraintGroup& { return s.solver.group[g]; }, &ConstraintGroup::active,
-              &ConstraintGroup::active_wide);
+              &ConstraintGroup::active_wide, &ConstraintGroup::pressing);
     for (size_t c = 0; c < chunks; ++c)
         share_capacity(scratches, [&](AdvanceScratch& s) -> decltype(auto) { return (s.tissue.body_shape_sums[c]); });
     using D = DirectSolve;

@@ -115,17 +115,27 @@ void meet_midway(const ContactSolver& solver, const ConstraintGroup& group, uint
 // place in every pass, so that corrections would strain the tissue pass after pass.
 void find_tangled_nodes(ContactSolver& solver, AdvanceIsland& island) {
     ContactNodeSet& nodes = island.nodes;
-    nodes.pressed.assign(nodes.node.size(), Vec4d{});
     nodes.tangled.assign(nodes.node.size(), 0);
     const auto is_led = [&](uint32_t rigid) {
         return rigid != kNone && (island.rigid[rigid].free == kNone || island.free[island.rigid[rigid].free].held);
     };
+    for_each_group(solver, [&](ConstraintGroup& group) {
+        group.pressing.clear();
+        Vec4d normal;
+        for (const uint32_t i : group.active) {
+            const PreparedConstraint& c = solver.prepared[i];
+            if ((is_led(c.rigid_a) || is_led(c.rigid_b)) && -separation_after(island, c, normal) > kRestingOverlap)
+                group.pressing.push_back({normal, i});
+        }
+    });
+    size_t pressing = 0;
+    for (uint32_t g = 0; g < solver.colour[4]; ++g) pressing += solver.group[g].pressing.size();
+    if (pressing < 2) return;
+    nodes.pressed.assign(nodes.node.size(), Vec4d{});
     const auto for_each_direction = [&](const auto& visit) {
         for_each_group(solver, [&](const ConstraintGroup& group) {
-            Vec4d normal;
-            for (const uint32_t i : group.active) {
+            for (const auto& [normal, i] : group.pressing) {
                 const PreparedConstraint& c = solver.prepared[i];
-                if ((!is_led(c.rigid_a) && !is_led(c.rigid_b)) || !(-separation_after(island, c, normal) > kRestingOverlap)) continue;
                 for (uint32_t k = 0; k < c.nodes; ++k)
                     if (c.correction_weight[k] != 0) visit(c.node[k], k < c.point_nodes ? normal : -normal);
             }

@@ -150,20 +150,27 @@ struct SweepChange {
     double squared_impulse = 0;  // (N s)^2, sum over all impulses
 };
 
+// Where a constraint presses the nodes of its point; those of its plane the other way.
+struct PressingDirection {
+    Vec4d direction;  // unit, world
+    uint32_t constraint;
+};
+
 // Constraints that are solved one after the other. Groups of one colour share no node and may be solved in
 // parallel.
 struct ConstraintGroup {
-    Range prepared, wide_constraint;    // indices in ContactSolver::prepared and wide_constraint
-    std::vector<uint32_t> active;       // indices in prepared: those that act in this substep, ascending
-    std::vector<uint32_t> active_wide;  // indices in wide_constraint: likewise
-    Range fixed;                        // indices in ContactSolver::fixed: for its last wide constraints
-    uint32_t massless_node = 0;         // of its wide constraints' unused lanes
-    uint32_t angular_count = 0;         // of active: those with a free side
-    uint32_t active_lanes = 0;          // acting constraints in active_wide
-    SweepChange change;                 // by the last sweep
-    Range slabs;                        // of the bodies that its constraints may touch; groups without a common slab share no node
-    uint8_t corrected_in = 0;           // last sweep of correct_positions, from 1, that moved one of its nodes; 0: none
-    double deepest = 0;                 // m, overlap after the last substep
+    Range prepared, wide_constraint;          // indices in ContactSolver::prepared and wide_constraint
+    std::vector<uint32_t> active;             // indices in prepared: those that act in this substep, ascending
+    std::vector<uint32_t> active_wide;        // indices in wide_constraint: likewise
+    Range fixed;                              // indices in ContactSolver::fixed: for its last wide constraints
+    uint32_t massless_node = 0;               // of its wide constraints' unused lanes
+    uint32_t angular_count = 0;               // of active: those with a free side
+    uint32_t active_lanes = 0;                // acting constraints in active_wide
+    SweepChange change;                       // by the last sweep
+    std::vector<PressingDirection> pressing;  // of find_tangled_nodes
+    Range slabs;                              // of the bodies that its constraints may touch; groups without a common slab share no node
+    uint8_t corrected_in = 0;                 // last sweep of correct_positions, from 1, that moved one of its nodes; 0: none
+    double deepest = 0;                       // m, overlap after the last substep
 };
 
 // The contact constraints of an island during a call.
