@@ -576,7 +576,7 @@ void check_tools(const World& w) {
     }
     for (const HapticSurface& s : w.haptics.surface)
         require(s.stiffness >= 0 && s.damping >= 0 && s.height >= 0 && s.length > 0,
-                "a haptic surface: stiffness, damping, height and length must be positive");
+                "a haptic surface: stiffness, damping and height must not be below 0, its length above it");
     for (const DeviceTrace& trace : w.haptics.trace) require(!trace.sample.empty(), "a device trace is empty");
 }
 
@@ -734,11 +734,13 @@ void check_threads(const World& w) {
         require(hold.action == kNone || hold.action < w.actions.action.size(), "threads: a hold of an action that there is not");
         const bool grip = hold.action != kNone && !hold.slides;  // engine/thread/needle_grip.hpp
         grips += grip && !hold.left;
+        require(!(hold.upper < 0) && !std::isnan(hold.upper), "threads: a hold that bears less than nothing");
         require(!grip || w.threads.thread[hold.thread].tool != kNone, "threads: tissue holds a needle that there is not");
     }
     require(grips == s.hole.size(), "threads: holes without what holds the needle in them");
     for (const ThreadTouch& touch : s.touch)
-        require(fits(touch.body, touch.node), "threads: touched at a node that its body does not have");
+        require(fits(touch.body, touch.node) && (touch.node[0] != kNone) == is_deformable(w.bodies, touch.body) && touch.friction >= 0,
+                "threads: touched at a node that its body does not have, or with friction below 0");
     for (const NeedleHole& hole : s.hole) {
         require(hole.sewn < w.threads.sewn.size(), "threads: a hole in nothing");
         const uint32_t body = w.threads.sewn[hole.sewn].body;

@@ -125,7 +125,8 @@ double strain_to_relax(const Relaxation& relaxation, const RelaxingBody& body, c
         if (!(rest > 0)) continue;  // padding
         double tension = 0;
         for (uint32_t b = 0; b < body.branches; ++b)
-            tension += double{relaxation.overstretch[body.first_branch + size_t{b} * body.count + at]};
+            tension +=
+                std::abs(double{relaxation.overstretch[body.first_branch + size_t{b} * body.count + at]});  // they may pull opposite ways
         sum += tension * tension / (double{rest} * rest), ++ends;
     }
     return ends > 0 ? std::sqrt(sum / ends) : 0;

@@ -89,6 +89,7 @@ Vec3d weights_in(const Vec3d& at, const Vec3d corner[3]) {
 void look_at_deformable(const ActionPass& pass, uint32_t body, std::vector<Near>& near) {
     const Surfaces& s = pass.world.surfaces;
     const MeshView mesh = mesh_view(s.meshes, s.bodies.mesh[body]);
+    if (near.empty()) return;
     Vec3d low = Vec3d::Constant(1e300), high = -low;
     for (const Near& n : near) low = low.cwiseMin(n.at - Vec3d::Constant(n.reach)), high = high.cwiseMax(n.at + Vec3d::Constant(n.reach));
     for (uint32_t t = 0; t < mesh.triangle.size(); ++t) {

@@ -123,12 +123,13 @@ void set_grip_limits(const ActionPass& pass, const Threads& threads, uint32_t in
             while (other < state.hole.size() && state.hole[other].sewn != hole.sewn) entry ? ++other : --other;
             const bool both = other < state.hole.size() && state.hole[other].side != hole.side;
             length = both ? 0.5 * (place(state.hole[other]) - place(hole)).norm() : ((entry ? point : end) - place(hole)).norm();
+            length = std::min(length, (point - end).norm());  // there is no more of the needle
         }
         state.hold[grip_of_hole(state, i)].upper = pass.actions.action[index].friction * length;
     }
 }
 
-// The needle's point makes holes.
+// The needle's point makes holes while it is pulled through, and leaves by those it is drawn back through at any time.
 void make_holes(const ActionPass& pass, const Threads& threads, uint32_t index, const Vec3d& from, const Vec3d& to,
                 ActionProgress& progress, ThreadState& state, Energy& energy) {
     for (uint32_t n = 0; n < threads.sewn.size(); ++n) {
@@ -146,6 +147,8 @@ void make_holes(const ActionPass& pass, const Threads& threads, uint32_t index, 
         const auto withdrawn = std::ranges::find_if(state.hole, [&](const NeedleHole& hole) { return near(hole, -on.side); });
         if (withdrawn != state.hole.end()) {
             close_hole(static_cast<size_t>(withdrawn - state.hole.begin()), state, energy);
+        } else if (!progress.on) {
+            continue;
         } else if (state.hole.size() < threads.most_holes && state.hold.size() < threads.most_holds) {
             state.hole.push_back(make_hole(pass, n, body, on));
             state.hold.push_back(make_grip(pass, threads.sewn[n], state.hole.back(), pass.tools[pass.actions.action[index].tool].body));
@@ -316,7 +319,9 @@ void sew(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, S
         const Surfaces& s = pass.world.surfaces;
         const uint32_t needle = pass.tools[action.tool].body;
         const Vec3d point = frame_to_world(s, needle, action.point), end = frame_to_world(s, needle, action.edge);
-        if (progress.on && progress.swept) make_holes(pass, threads, index, progress.from, point, progress, state, energy);
+        const bool in_holes =
+            std::ranges::any_of(state.hole, [&](const NeedleHole& hole) { return threads.sewn[hole.sewn].action == index; });
+        if (progress.on ? progress.swept : in_holes) make_holes(pass, threads, index, progress.from, point, progress, state, energy);
         const bool swept = progress.on && progress.swept;
         draw_through(pass, gravity, threads, index, point, end, progress, state, energy);
         for (uint32_t t = 0; swept && t < threads.thread.size(); ++t)
