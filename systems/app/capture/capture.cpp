@@ -156,7 +156,7 @@ void FrameRecorder::write(const Kept& kept, uint64_t last_pass, const std::strin
             for (const CaptureStep& step : stretch->steps)
                 if (step.pass <= last_pass) writer->add(to_record(step));
         }
-        writer->add(picture_record(picture ? *picture : snapshot_of(frame_.world()), meshes_, header_, last_pass));
+        if (pictures_) writer->add(picture_record(picture ? *picture : snapshot_of(frame_.world()), meshes_, header_, last_pass));
         writer->finish();
     });
 }
@@ -215,7 +215,7 @@ void FrameRecorder::after_pass(const PassFigures& pass) {
             for (OpenRange& range : open_ranges_) {
                 range.writer->add(to_record(step));
                 if (step.pass != range.last) continue;
-                range.writer->add(picture_record(snapshot_of(w), meshes_, header_, step.pass));
+                if (pictures_) range.writer->add(picture_record(snapshot_of(w), meshes_, header_, step.pass));
                 range.writer->finish();
             }
         });
@@ -248,7 +248,7 @@ void FrameRecorder::look_for_triggers(const CaptureStep& step) {
     if (triggers_.worst && step.frame_ms > worst_ms_) {
         worst_ms_ = step.frame_ms;
         worst_pass_ = step.pass;
-        worst_picture_ = snapshot_of(frame_.world());
+        if (pictures_) worst_picture_ = snapshot_of(frame_.world());
         worst_ = kept_;  // shares the stretches; written at the end, once it is known to be the worst
     }
 }

@@ -656,6 +656,7 @@ int run_command(const RunOptions& options) {
             recorder.emplace(frame, capture_header(scene, figures, frame_options.external_ticks), triggers, options.out / "captures",
                              FrameRecorder::kMostKeptBytes,
                              static_cast<uint64_t>(std::min(seconds, 1e6) * frame.world().clock.contact_rate));
+        if (!options.render || options.figures_only) recorder->leave_out_pictures();
         std::optional<PlayerRecorder> player;
         if (options.player && has_player() && !options.out.empty() && !options.figures_only) player.emplace(frame);
         std::optional<ExerciseRecorder> exercise;
