@@ -21,7 +21,7 @@ struct Film {
     std::span<const float> crowding;     // per vertex, sum of conductances
     std::span<double> volume;            // m^3, per vertex
     std::span<double> blood;             // m^3, of it
-    std::span<float> rise;               // m, of the liquid's surface above the vertex, before the last substep
+    std::span<float> rise;               // m, of the liquid's surface above the vertex, when the cell was last looked at
     std::span<float> flow;               // m^3/s, per edge: see FluidState
 };
 
@@ -52,9 +52,11 @@ struct FilmScratch {
     std::vector<uint32_t> giver;            // per edge: the cell that the flow leaves
     std::vector<Moved> moved;               // per edge
     static constexpr uint8_t kPool = 128, kAsleep = 255;
-    std::vector<uint8_t> due;     // per block of edges: tick at which it steps next, or kAsleep
-    std::vector<uint8_t> ticks;   // of that step, if not shortened
-    std::vector<uint8_t> most;    // ticks of its longest step, by waves
+    std::vector<uint8_t> due;    // per block of edges: tick at which it steps next, or kAsleep
+    std::vector<uint8_t> ticks;  // of that step, if not shortened
+    // Ticks of its longest step, by the waves when it woke. Pools that deepen later in the call are held by the part of a cell that may
+    // leave it over an edge: asking for waves again at each step changed one step in a thousand and cost 15 %.
+    std::vector<uint8_t> most;
     std::vector<uint8_t> beside;  // per block of cells: an end of an edge below is in it
     std::vector<uint32_t> awake;  // first edges of the blocks that step again
     std::vector<uint32_t> block;  // first edges of the blocks that step at this tick
