@@ -115,7 +115,7 @@ struct FluidLedger {
 struct FluidState {
     std::vector<double> volume;  // m^3, of liquid in a film cell
     std::vector<double> blood;   // m^3, of it
-    std::vector<float> rise;     // m, of the liquid's surface above the vertex, before the last substep
+    std::vector<float> rise;     // m, of the liquid's surface above the vertex, when the cell was last looked at
     std::vector<float> flow;     // m^3/s over a film edge / conductance, from its first vertex to its second
     // How films hang together: constant unless a body is cut or tears.
     std::vector<uint32_t> from, to;   // per film edge: both vertices
