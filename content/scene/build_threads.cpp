@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "components/thread_touches.hpp"
 #include "content/scene/find_body.hpp"
 #include "engine/mesh/surfaces.hpp"
 namespace trocar {
@@ -64,7 +65,7 @@ void add_thread(const SceneFile& scene, const ThreadSpec& spec, World& world) {
     thread.rows = {static_cast<uint32_t>(state.position.size()), count + count / 7 + 1 + 3 * spec.bites + 2};
     const size_t rows = thread.rows.end();
     state.material.resize(rows, 0.0), state.position.resize(rows, Vec3d::Zero()), state.velocity.resize(rows, Vec3d::Zero());
-    state.held.resize(rows, kNone), state.touching.resize(rows, kNone);
+    state.held.resize(rows, kNone), state.touching.resize(kTouchesPerPoint * rows, kNone);
     for (size_t i = 0; i < points.size(); ++i) {
         const size_t row = thread.rows.first + i;
         state.position[row] = points[i];

@@ -125,20 +125,24 @@ void add_holds(Step& e) {
     }
 }
 
+void add_plane(Step& e, uint32_t i, const RodPlane& plane) {
+    const PlaneForce force = force_of_plane(plane, e.s.start[i], e.rod.position[i], e.dt);
+    if (!(force.depth > 0)) return;
+    const Matrix axial = plane.normal * plane.normal.transpose();
+    add_right(e.s, i, force.normal + force.friction);
+    Matrix across = Matrix::Identity() - axial;
+    // what slides has the same friction a little farther along; that is left out again where points go to and fro about the bound
+    const double bound = plane.friction * force.normal.norm();
+    if (e.iteration < kSecant && bound > 0 && force.friction.norm() > (1 - 1e-9) * bound)
+        across -= force.friction * force.friction.transpose() / force.friction.squaredNorm();
+    add_diagonal(e.s, i, kContactStiffness * axial + force.drag * across);
+}
+
 void add_planes(Step& e) {
     for (uint32_t i = 0; i < e.rod.count; ++i) {
-        if (e.rod.touching[i] == kNone || e.rod.held[i] != kNone) continue;
-        const RodPlane& plane = e.planes[e.rod.touching[i]];
-        const PlaneForce force = force_of_plane(plane, e.s.start[i], e.rod.position[i], e.dt);
-        if (!(force.depth > 0)) continue;
-        const Matrix axial = plane.normal * plane.normal.transpose();
-        add_right(e.s, i, force.normal + force.friction);
-        Matrix across = Matrix::Identity() - axial;
-        // what slides has the same friction a little farther along; that is left out again where points go to and fro about the bound
-        const double bound = plane.friction * force.normal.norm();
-        if (e.iteration < kSecant && bound > 0 && force.friction.norm() > (1 - 1e-9) * bound)
-            across -= force.friction * force.friction.transpose() / force.friction.squaredNorm();
-        add_diagonal(e.s, i, kContactStiffness * axial + force.drag * across);
+        if (e.rod.held[i] != kNone) continue;
+        for (const uint32_t touch : touches_of(e.rod, i))
+            if (touch != kNone) add_plane(e, i, e.planes[touch]);
     }
 }
 
@@ -420,7 +424,9 @@ PlaneForce force_of_plane(const RodPlane& plane, const Vec3d& start, const Vec3d
 
 Rod rod_of(const Thread& thread, uint32_t index, ThreadState& state) {
     const auto rows = [&](auto& column) { return std::span(column).subspan(thread.rows.first, thread.rows.count); };
-    return {state.count[index], rows(state.material), rows(state.position), rows(state.velocity), rows(state.held), rows(state.touching)};
+    const auto touching =
+        std::span(state.touching).subspan(size_t{kTouchesPerPoint} * thread.rows.first, size_t{kTouchesPerPoint} * thread.rows.count);
+    return {state.count[index], rows(state.material), rows(state.position), rows(state.velocity), rows(state.held), touching};
 }
 
 double tension_of(const Thread& thread, const Rod& rod, uint32_t i) { return piece_of(stretch_stiffness(thread), rod, i).tension; }
@@ -495,18 +501,20 @@ RodStep step_rod(const Thread& thread, const Vec3d& gravity, double dt, Rod rod,
 namespace {
 
 void erase_row(Rod rod, uint32_t i) {
-    const auto close = [&](auto& column) { std::copy(column.begin() + i + 1, column.begin() + rod.count, column.begin() + i); };
-    close(rod.material), close(rod.position), close(rod.velocity), close(rod.held), close(rod.touching);
+    const auto close = [&](auto& column, uint32_t each = 1) {
+        std::copy(column.begin() + each * (i + 1), column.begin() + each * rod.count, column.begin() + each * i);
+    };
+    close(rod.material), close(rod.position), close(rod.velocity), close(rod.held), close(rod.touching, kTouchesPerPoint);
     --rod.count;
 }
 
 bool insert_row(Rod rod, uint32_t i) {
     if (rod.count >= rod.material.size()) return false;
-    const auto open = [&](auto& column) {
-        std::copy_backward(column.begin() + i, column.begin() + rod.count, column.begin() + rod.count + 1);
+    const auto open = [&](auto& column, uint32_t each = 1) {
+        std::copy_backward(column.begin() + each * i, column.begin() + each * rod.count, column.begin() + each * (rod.count + 1));
     };
-    open(rod.material), open(rod.position), open(rod.velocity), open(rod.held), open(rod.touching);
-    rod.touching[i] = kNone;
+    open(rod.material), open(rod.position), open(rod.velocity), open(rod.held), open(rod.touching, kTouchesPerPoint);
+    std::ranges::fill(touches_of(rod, i), kNone);
     ++rod.count;
     return true;
 }

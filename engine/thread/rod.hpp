@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "components/thread.hpp"
+#include "components/thread_touches.hpp"
 namespace trocar {
 
 // Points of one thread: its reserved rows, of which the first `count` are in use.
@@ -14,8 +15,11 @@ struct Rod {
     std::span<Vec3d> position;     // m
     std::span<Vec3d> velocity;     // m/s
     std::span<uint32_t> held;      // index of a hold, or kNone
-    std::span<uint32_t> touching;  // index of a touch, or kNone
+    std::span<uint32_t> touching;  // kTouchesPerPoint per point: indices of touches, or kNone
 };
+inline std::span<uint32_t> touches_of(const Rod& rod, uint32_t i) {
+    return rod.touching.subspan(size_t{kTouchesPerPoint} * i, kTouchesPerPoint);
+}
 Rod rod_of(const Thread& thread, uint32_t index, ThreadState& state);
 
 // A surface that keeps a point of the thread on one side: normal . x >= offset.

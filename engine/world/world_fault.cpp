@@ -2,6 +2,7 @@
 #include <cmath>
 #include <span>
 
+#include "components/thread_touches.hpp"
 #include "engine/base/check.hpp"
 #include "engine/mesh/mass_properties.hpp"
 #include "engine/mesh/mesh_view.hpp"
@@ -690,7 +691,7 @@ void check_threads(const World& w) {
     const ThreadState& s = w.thread_state;
     const size_t rows = s.material.size();
     require(s.count.size() == w.threads.thread.size() && s.progress.size() == s.count.size() && s.position.size() == rows &&
-                s.velocity.size() == rows && s.held.size() == rows && s.touching.size() == rows &&
+                s.velocity.size() == rows && s.held.size() == rows && s.touching.size() == kTouchesPerPoint * rows &&
                 (s.stable_dt.empty() || s.stable_dt.size() == w.bodies.mesh.size()),
             "threads: arrays of different length");
     for (size_t t = 0; t < s.count.size(); ++t) {
@@ -702,8 +703,8 @@ void check_threads(const World& w) {
         for (uint32_t i = thread.rows.first; i < thread.rows.first + s.count[t]; ++i) {
             require(s.held[i] == kNone || (s.held[i] < s.hold.size() && s.hold[s.held[i]].thread == t),
                     "threads: a point that nothing holds");
-            require(s.touching[i] == kNone || (s.touching[i] < s.touch.size() && s.touch[s.touching[i]].thread == t),
-                    "threads: a point that touches nothing");
+            for (const uint32_t touch : std::span(s.touching).subspan(size_t{kTouchesPerPoint} * i, kTouchesPerPoint))
+                require(touch == kNone || (touch < s.touch.size() && s.touch[touch].thread == t), "threads: a point that touches nothing");
             require(i == thread.rows.first || s.material[i] > s.material[i - 1], "threads: points that do not ascend");
         }
     }
@@ -733,7 +734,14 @@ void check_threads(const World& w) {
                 "threads: a knot of one strand");
         require(hold.action == kNone || hold.action < w.actions.action.size(), "threads: a hold of an action that there is not");
         const bool grip = hold.action != kNone && !hold.slides;  // engine/thread/needle_grip.hpp
-        grips += grip && !hold.left;
+        if (grip && !hold.left) {
+            require(grips < s.hole.size() && s.hole[grips].sewn < w.threads.sewn.size(), "threads: a grip in no hole");
+            const NeedleHole& hole = s.hole[grips++];
+            const SewnBody& sewn = w.threads.sewn[hole.sewn];
+            require(hold.thread == sewn.thread && hold.body == sewn.body && hold.action == sewn.action && hold.node == hole.node &&
+                        hold.weight == hole.weight,
+                    "threads: a grip that is not that of its hole");
+        }
         require(!(hold.upper < 0) && !std::isnan(hold.upper), "threads: a hold that bears less than nothing");
         require(!grip || w.threads.thread[hold.thread].tool != kNone, "threads: tissue holds a needle that there is not");
     }

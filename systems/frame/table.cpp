@@ -25,6 +25,7 @@ namespace {
 
 bool any_link(const World& w);
 bool any_threaded_tool(const World& w);
+bool any_threaded_pair(const World& w);
 
 // Functions of the table below, in its order: each passes columns of the world and scratch to one system.
 namespace stages {
@@ -220,7 +221,9 @@ void advance(World& w, FrameState& f) {
                                w.devices.placed, w.clock.period + 1, other_forces(w), w.impact_times, w.haptics.jaw};
     PartingBodiesScratch& parting = f.scratch.parting_bodies;
     const bool parts = w.settings.contact.deep == DeepResponse::kNone && !w.pair_memory.a.empty();
-    if (parts) find_parting_contacts(inputs, {w.pair_memory, w.joined_bodies, w.nodes}, w.particles, w.poses, w.contact_constraints, parting);
+    // a thread that lies on a body does not hold it
+    const size_t held = w.joined_bodies.size() - (any_threaded_pair(w) ? count_touch_joins(w.bodies, w.thread_state) : 0);
+    if (parts) find_parting_contacts(inputs, {w.pair_memory, std::span(w.joined_bodies).first(held), w.nodes}, w.particles, w.poses, w.contact_constraints, parting);
     if (parts) inputs.left = parting.left;
     advance_islands(params, inputs, {w.islands, w.sleep, w.node_state}, f.scratch.advance,
                     {w.particles, w.poses, w.contact_constraints, w.haptics.state}, w.energy, w.report, f.times.response_ns);

@@ -8,6 +8,7 @@
 #include "engine/geometry/point_triangle.hpp"
 #include "engine/geometry/quaternion.hpp"
 #include "engine/thread/needle_grip.hpp"
+#include "engine/thread/touch.hpp"
 #include "engine/tissue/deformable_setup.hpp"
 #include "engine/tissue/embedded_surface.hpp"
 namespace trocar {
@@ -337,29 +338,56 @@ void sew(const ActionPass& pass, const Vec3d& gravity, const Threads& threads, S
     find_thread_contacts(pass, threads, scratch.contacts, state, energy);
     changed = changed || touched || !state.touch.empty() || state.hold.size() != before ||
               state.stable_dt.size() != pass.world.surfaces.bodies.mesh.size();
-    if (changed) update_thread_limits(pass.world.surfaces.bodies, pass.world.solids, pass.world.surfaces.particles, scratch.limits, state);
+    if (changed) update_thread_limits(pass, threads, scratch.limits, state);
     for (const ThreadHold& hold : state.hold)
         if (hold.body != kNone) wake_body(sleep, hold.body);
     for (const ThreadTouch& touch : state.touch) wake_body(sleep, touch.body);
 }
 
-void join_threaded_bodies(const Bodies& bodies, const ThreadState& state, std::vector<std::array<uint32_t, 2>>& joined) {
+namespace {
+
+// Calls add(first, body) for each body that holds a thread, or only touches it, and is moved by forces; first: the first of both. That one
+// is joined to itself: so others know that something moves it, also where nothing else is on the thread.
+void each_join(const Bodies& bodies, const ThreadState& state, bool of_touches, const auto& add) {
     for (uint32_t thread = 0; thread < state.count.size(); ++thread) {
-        uint32_t first = kNone;
-        const auto join = [&](const auto& at) {
-            if (at.thread != thread || at.body == kNone || !joins_islands(bodies.motion[at.body]) || at.body == first) return;
-            if (first == kNone)
-                first = at.body;
-            else if (joined.empty() || joined.back() != std::array<uint32_t, 2>{first, at.body})
-                joined.push_back({first, at.body});
+        const auto joins = [&](const auto& at) { return at.thread == thread && at.body != kNone && joins_islands(bodies.motion[at.body]); };
+        const auto among = [&](const auto& list, size_t count, uint32_t body) {
+            return std::any_of(list.begin(), list.begin() + static_cast<std::ptrdiff_t>(count),
+                               [&](const auto& at) { return at.thread == thread && at.body == body; });
         };
-        std::ranges::for_each(state.hold, join);
-        std::ranges::for_each(state.touch, join);
+        uint32_t first = kNone;
+        for (size_t h = 0; h < state.hold.size(); ++h) {
+            const uint32_t body = state.hold[h].body;
+            if (!joins(state.hold[h]) || among(state.hold, h, body)) continue;
+            if (first == kNone) first = body;
+            if (!of_touches) add(first, body);
+        }
+        for (size_t k = 0; of_touches && k < state.touch.size(); ++k) {
+            const uint32_t body = state.touch[k].body;
+            if (!joins(state.touch[k]) || among(state.touch, k, body) || among(state.hold, state.hold.size(), body)) continue;
+            if (first == kNone) first = body;
+            add(first, body);
+        }
     }
 }
 
-void update_thread_limits(const Bodies& bodies, const Solids& solids, const Particles& particles, std::vector<double>& scratch,
-                          ThreadState& state) {
+}  // namespace
+
+void join_threaded_bodies(const Bodies& bodies, const ThreadState& state, std::vector<std::array<uint32_t, 2>>& joined) {
+    for (const bool of_touches : {false, true})
+        each_join(bodies, state, of_touches, [&](uint32_t first, uint32_t body) { joined.push_back({first, body}); });
+}
+
+size_t count_touch_joins(const Bodies& bodies, const ThreadState& state) {
+    size_t count = 0;
+    each_join(bodies, state, true, [&](uint32_t, uint32_t) { ++count; });
+    return count;
+}
+
+void update_thread_limits(const ActionPass& pass, const Threads& threads, std::vector<double>& scratch, ThreadState& state) {
+    const Bodies& bodies = pass.world.surfaces.bodies;
+    const Solids& solids = pass.world.solids;
+    const Particles& particles = pass.world.surfaces.particles;
     state.stable_dt.assign(bodies.mesh.size(), std::numeric_limits<double>::infinity());
     // Gershgorin's rows of k w w^T over the masses, 1/s^2
     scratch.assign(particles.offset.size() + bodies.mesh.size(), 0.0);
@@ -378,8 +406,13 @@ void update_thread_limits(const Bodies& bodies, const Solids& solids, const Part
             scratch[p] += stiffness * all * std::abs(at.weight[k]) * static_cast<double>(particles.offset[p].w);
         }
     };
-    for (const ThreadHold& hold : state.hold)
-        if (!hold.left) add(hold, hold.stiffness);
+    for (const ThreadHold& hold : state.hold) {
+        if (hold.left) continue;
+        add(hold, hold.stiffness);
+        if (!is_grip(hold)) continue;  // its spring pulls the needle too
+        const uint32_t needle = pass.tools[threads.thread[hold.thread].tool].body;
+        rigid[needle] += hold.stiffness * bodies.inv_mass[needle];
+    }
     for (const ThreadTouch& touch : state.touch) add(touch, kContactStiffness);
     for (uint32_t body = 0; body < bodies.mesh.size(); ++body) {
         double most = rigid[body];
@@ -414,26 +447,18 @@ void step_lone_threads(const ThreadsAlone& in, const Threads& threads, LoneThrea
         Rod rod = rod_of(thread, index, state);
         const auto steps = static_cast<uint32_t>(std::ceil(in.seconds / kLongest - 1e-9));
         const double dt = in.seconds / steps;
-        const auto pressed = [&](uint32_t i) {
-            const ThreadTouch& touch = state.touch[rod.touching[i]];
-            const double depth = std::max(0.0, touch.gap - touch.normal.dot(rod.position[i] - touch.before));
-            return 0.5 * kContactStiffness * depth * depth;
-        };
         const auto sum = [&] {
             double all = energy_of_rod(thread, rod, state.hold, in.gravity).sum();
             for (uint32_t i = 0; i < rod.count; ++i) {
                 if (const uint32_t h = rod.held[i]; h != kNone)
                     all += spring(state.hold[h], rod.position[i] - state.hold[h].before);
-                else if (rod.touching[i] != kNone)
-                    all += pressed(i);
+                else
+                    for (const uint32_t t : touches_of(rod, i))
+                        if (t != kNone) all += energy_of_touch(state.touch[t], rod.position[i], state.touch[t].before);
             }
             return all;
         };
         scratch.plane.resize(state.touch.size());
-        for (uint32_t k = 0; k < state.touch.size(); ++k) {
-            const ThreadTouch& touch = state.touch[k];
-            scratch.plane[k] = {touch.normal, touch.normal.dot(touch.before) + touch.gap, Vec3d::Zero(), touch.friction};
-        }
         for (uint32_t k = 0; k < steps; ++k) {
             for (uint32_t i = 0; i < rod.count; ++i) {
                 const uint32_t h = rod.held[i];
@@ -446,13 +471,22 @@ void step_lone_threads(const ThreadsAlone& in, const Threads& threads, LoneThrea
                 energy.work_hand += spring(hold, rod.position[i] - scratch.place[h]) - spring(hold, rod.position[i] - hold.before);
                 hold.before = scratch.place[h];
             }
+            for (uint32_t i = 0; i < rod.count; ++i)
+                for (const uint32_t t : touches_of(rod, i)) {
+                    if (t == kNone) continue;
+                    ThreadTouch& touch = state.touch[t];
+                    energy.work_contact += let_out(thread.radius + 0.5 * in.bodies.thickness[touch.body], dt, rod.position[i], touch);
+                    scratch.plane[t] = {touch.normal, touch.normal.dot(touch.before) + touch.gap, Vec3d::Zero(), touch.friction};
+                }
             const double before = sum();
             const RodStep step = step_rod(thread, in.gravity, dt, rod, state.hold, scratch.place, scratch.plane, scratch.rod);
             double rubbed = 0;
             for (uint32_t i = 0; i < rod.count; ++i) {
-                if (rod.held[i] != kNone || rod.touching[i] == kNone) continue;
+                if (rod.held[i] != kNone) continue;
                 const Vec3d start = rod.position[i] - dt * rod.velocity[i];
-                rubbed += dt * force_of_plane(scratch.plane[rod.touching[i]], start, rod.position[i], dt).friction.dot(rod.velocity[i]);
+                for (const uint32_t t : touches_of(rod, i))
+                    if (t != kNone)
+                        rubbed += dt * force_of_plane(scratch.plane[t], start, rod.position[i], dt).friction.dot(rod.velocity[i]);
             }
             progress.largest_tension = std::max(progress.largest_tension, step.largest_tension);
             progress.friction_work += step.friction_work;
@@ -467,7 +501,9 @@ void step_lone_threads(const ThreadsAlone& in, const Threads& threads, LoneThrea
             hold.stored = spring(hold, rod.position[i] - hold.before);
         }
         for (uint32_t i = 0; i < rod.count; ++i)
-            if (rod.held[i] == kNone && rod.touching[i] != kNone) state.touch[rod.touching[i]].stored = pressed(i);
+            for (const uint32_t t : touches_of(rod, i))
+                if (rod.held[i] == kNone && t != kNone)
+                    state.touch[t].stored = energy_of_touch(state.touch[t], rod.position[i], state.touch[t].before);
     }
 }
 

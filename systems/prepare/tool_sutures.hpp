@@ -26,12 +26,13 @@ inline constexpr double kWithdrawn = 1.5e-3;  // m
 // m, of the strand that is wound about, and of the needle from it: a hand that ties keeps within an instrument's jaws, which are 20 mm
 inline constexpr double kLeastStrand = 5e-3, kWindingReach = 20e-3;
 
-// Joins the bodies that hold or touch the same thread, to be stepped together.
+// Joins the bodies that hold or touch the same thread, to be stepped together: first those that hold it; the last count_touch_joins pairs
+// are of bodies that only touch it. A pair may be twice the same body, which only a thread moves.
 void join_threaded_bodies(const Bodies& bodies, const ThreadState& state, std::vector<std::array<uint32_t, 2>>& joined);
+size_t count_touch_joins(const Bodies& bodies, const ThreadState& state);
 
-// Sets the longest step of each body that the springs of its holds and contacts allow.
-void update_thread_limits(const Bodies& bodies, const Solids& solids, const Particles& particles, std::vector<double>& scratch,
-                          ThreadState& state);
+// Sets the longest step of each body that the springs of its holds and contacts allow; of a needle's body, with those of its grips.
+void update_thread_limits(const ActionPass& pass, const Threads& threads, std::vector<double>& scratch, ThreadState& state);
 
 // Adds the mean forces of threads in the pass (of `seconds`) to the hands that hold them. first: no links have set these forces.
 void note_thread_forces(double seconds, const Threads& threads, bool first, const ThreadState& state, std::span<ToolState> tools);

@@ -3,10 +3,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 
 #include "engine/files/capture_file.hpp"
 #include "engine/thread/rod.hpp"
+#include "engine/thread/touch.hpp"
+#include "engine/tissue/deformable_setup.hpp"
 #include "frame/written_scene.hpp"
+#include "systems/prepare/tool_sutures.hpp"
 namespace trocar {
 namespace {
 
@@ -415,8 +419,8 @@ TEST(Threads, AThreadLiesOnTissueWithItsWeight) {
         for (uint32_t i = 0; i < rod.count; ++i) {
             EXPECT_GT(rod.position[i].z(), 0.0) << i;
             EXPECT_LT(rod.velocity[i].norm(), 1e-3) << i;
-            if (rod.touching[i] == kNone) continue;
-            const ThreadTouch& touch = w.thread_state.touch[rod.touching[i]];
+            if (touches_of(rod, i)[0] == kNone) continue;
+            const ThreadTouch& touch = w.thread_state.touch[touches_of(rod, i)[0]];
             EXPECT_NE(touch.node[0], kNone);
             force += kContactStiffness * std::max(0.0, touch.gap - touch.normal.dot(rod.position[i] - touch.before)) * touch.normal;
         }
@@ -430,6 +434,159 @@ TEST(Threads, AThreadLiesOnTissueWithItsWeight) {
 TEST(Threads, AThreadOnTissueSameBits) {
     expect_same_bits(WrittenScene("on_a_sheet_bits", kOnASheet), 12,
                      [](const Frame& frame) { EXPECT_FALSE(threads_of(frame).touch.empty()); });
+}
+
+// A hand with the given shape that goes from `from` to `to` at `speed`, m/s, after 0.2 s.
+std::string sweeping_hand(const std::string& shape, const Vec3d& from, const Vec3d& to, double speed) {
+    const auto at = [](const Vec3d& p) {
+        return "position = [" + std::to_string(p.x()) + ", " + std::to_string(p.y()) + ", " + std::to_string(p.z()) + "]\n";
+    };
+    const double rest = 0.2, arrives = rest + (to - from).norm() / speed;
+    return "[[body]]\nname = \"hand\"\nmotion = \"hand\"\nmass = 0.05\n" + shape + at(from) +
+           "[[tool]]\nbody = \"hand\"\ntip = [0.0, 0.0, 0.0]\ntip_radius = 0.0005\nstiffness = 800.0\n[[tool.path]]\ntime = 0.0\n" +
+           at(from) + "[[tool.path]]\ntime = " + std::to_string(rest) + "\n" + at(from) +
+           "[[tool.path]]\ntime = " + std::to_string(arrives) + "\n" + at(to);
+}
+
+struct Sweep {
+    double deepest = -1e9;                       // m, of a point's surface in the hand
+    double lowest = 1e9;                         // m, z of a point within 19 mm of the middle, over the tissue
+    double moved = 0;                            // m, farthest from where a point began
+    double work = 0, balance = 0, given = -1e9;  // J: most work of the hand; worst balance; most that contacts and steps have given
+};
+Sweep sweep(const WrittenScene& scene, int passes, const std::function<double(const World&, const Vec3d&)>& distance) {
+    Sweep result;
+    std::vector<Vec3d> start;
+    run(scene.build().world, passes, [&](Frame& frame, int) {
+        const World& w = frame.world();
+        const ThreadState& s = w.thread_state;
+        if (start.empty()) start = s.position;
+        for (uint32_t i = 0; i < s.count[0]; ++i) {
+            result.deepest = std::max(result.deepest, w.threads.thread[0].radius - distance(w, s.position[i]));
+            if (std::abs(s.position[i].y()) < 0.019) result.lowest = std::min(result.lowest, s.position[i].z());
+            result.moved = std::max(result.moved, (s.position[i] - start[i]).norm());
+        }
+        result.work = std::max(result.work, std::abs(w.energy.work_hand));
+        result.balance = std::max(result.balance, std::abs(w.energy.balance));
+        result.given = std::max(result.given, w.energy.work_contact + w.energy.work_numeric);
+    });
+    std::printf("deepest %.4f mm, lowest %.4f mm, moved %.2f mm, balance %.2g, given %.2g of %.2g J\n", 1e3 * result.deepest,
+                1e3 * result.lowest, 1e3 * result.moved, result.balance, result.given, result.work);
+    return result;
+}
+
+// A rod of radius R = 4 mm across a thread that hangs from a fixed end takes it along. The plane of a point is that in the middle of a pass
+// of T seconds: a point that slides with the hand's speed v leaves it by (v T / 2)^2 / (2 R) at the ends of the pass.
+TEST(Threads, AFastHandDoesNotPassThroughAHangingThread) {
+    const std::string text = R"(
+[[thread]]
+name = "silk"
+path = [[0.0, 0.0, 0.05], [0.0, 0.0, -0.05]]
+fixed = true
+contact = true
+)";
+    for (const double speed : {0.2, 0.5}) {
+        const std::string hand = sweeping_hand("shape = \"capsule\"\nsize = 0.016\ntriangles = 20000\nrotation = [1.0, 0.0, 0.0, 90.0]\n",
+                                               {-0.03, 0, -0.01}, {0.03, 0, -0.01}, speed);
+        const Sweep result = sweep(WrittenScene("across_hanging", text + hand), static_cast<int>(60 * (0.2 + 0.06 / speed)),
+                                   [](const World& w, const Vec3d& at) {
+                                       const Vec3d way = at - w.poses.origin[0];
+                                       return std::hypot(way.x(), way.z()) - 0.004;
+                                   });
+        EXPECT_LT(result.deepest, std::pow(speed / 60, 2) / (8 * 0.004)) << speed;
+        EXPECT_GT(result.moved, 0.02) << speed << ": the hand took it along";
+        EXPECT_LT(result.given, 1e-3 * result.work) << speed;
+        EXPECT_LT(result.balance, 1e-3 * result.work) << speed;
+    }
+}
+
+// A block of 10 mm, 0.3 mm above tissue, pushes a rope of 1 mm that lies on it: the rope goes neither into the block nor through the
+// tissue.
+TEST(Threads, AFastHandPushesAThreadThatLiesOnTissue) {
+    for (const double speed : {0.2, 0.5}) {
+        const std::string hand = sweeping_hand("shape = \"box\"\nsize = 0.01\ntriangles = 12\napart = \"sheet\"\n", {0, -0.010, 0.0058},
+                                               {0, 0.003, 0.0058}, speed);
+        const Sweep result = sweep(WrittenScene("across_lying", kOnASheet + hand), static_cast<int>(60 * (0.2 + 0.013 / speed)) + 1,
+                                   [](const World& w, const Vec3d& at) {
+                                       const Box box = w.meshes.info[w.bodies.mesh[1]].box;
+                                       const Vec3d way = at - w.poses.origin[1];
+                                       const Vec3d beyond = (way - box.max).cwiseMax(box.min - way);
+                                       return std::min(beyond.maxCoeff(), 0.0) + beyond.cwiseMax(0.0).norm();
+                                   });
+        EXPECT_LT(result.deepest, 2e-4) << speed;
+        EXPECT_GT(result.lowest, 0.0) << speed;
+        EXPECT_GT(result.moved, 0.005) << speed << ": the hand took it along";
+        EXPECT_LT(result.given, 1e-3 * result.work) << speed;
+        EXPECT_LT(result.balance, 1e-3 * result.work) << speed;
+    }
+}
+
+// A thread that starts 0.5 mm inside a block is let out at kLetOutSpeed, without being thrown.
+TEST(Threads, WhatLiesALittleInsideIsLetOutSlowly) {
+    const std::string text = R"(
+gravity = [0.0, 0.0, 0.0]
+[[body]]
+name = "block"
+shape = "box"
+size = 0.1
+triangles = 12
+motion = "static"
+[[thread]]
+name = "tail"
+path = [[0.0, -0.02, 0.0495], [0.0, 0.02, 0.0495]]
+contact = true
+damping = 0.0
+)";
+    run(WrittenScene("inside", text).build().world, 30, [&](Frame& frame, int pass) {
+        const World& w = frame.world();
+        const double height = w.thread_state.position[5].z() - 0.05, out = -0.5e-3 + kLetOutSpeed * (pass + 1) / 60;
+        if (out < w.threads.thread[0].radius) {
+            EXPECT_NEAR(height, out, 1e-5) << pass;
+        }
+        EXPECT_LT(w.thread_state.velocity[5].norm(), 1.05 * kLetOutSpeed) << pass;
+        EXPECT_TRUE(pass != 29 || height > w.threads.thread[0].radius - 1e-5);
+        EXPECT_LT(std::abs(w.energy.balance), 1e-12);
+    });
+}
+
+// Two free blocks side by side, and a thread that lies on both, or on one of them.
+TEST(Threads, BodiesThatAThreadOnlyTouchesAreSteppedTogetherButNotHeld) {
+    const auto block = [](const std::string& name, double y) {
+        return "[[body]]\nname = \"" + name +
+               "\"\nshape = \"box\"\nsize = 0.02\ntriangles = 12\nmotion = \"free\"\nmass = 0.01\nposition = [0.0, " + std::to_string(y) +
+               ", 0.0]\n";
+    };
+    for (const double second : {0.015, 0.5}) {
+        const std::string text = "gravity = [0.0, 0.0, 0.0]\n" + block("left", -0.015) + block("right", second) +
+                                 "[[thread]]\nname = \"tail\"\npath = [[0.0, -0.02, 0.0103], [0.0, 0.02, 0.0103]]\ncontact = true\n";
+        run(WrittenScene("on_blocks", text).build().world, 3, [&](Frame& frame, int pass) {
+            if (pass != 2) return;
+            const World& w = frame.world();
+            using Pairs = std::vector<std::array<uint32_t, 2>>;
+            const Pairs expected = second < 0.1 ? Pairs{{0, 0}, {0, 1}} : Pairs{{0, 0}};
+            EXPECT_EQ(w.joined_bodies, expected);
+            EXPECT_EQ(count_touch_joins(w.bodies, w.thread_state), expected.size());
+        });
+    }
+    run(WrittenScene("held_by_a_needle", two_stitches()).build().world, 24, [&](Frame& frame, int pass) {
+        if (pass != 23) return;
+        EXPECT_EQ(count_touch_joins(frame.world().bodies, frame.world().thread_state), 0u) << "both hold it";
+        EXPECT_EQ(frame.world().joined_bodies.size(), 2u);
+    });
+}
+
+// The springs of the thread's end and of the tissue around the needle act on the hand's mass m: omega^2 <= (k_end + k_grip) / m.
+TEST(Threads, TheNeedlesStepHasTheSpringOfTheTissueAroundIt) {
+    run(WrittenScene("step_limit", two_stitches()).build().world, 6, [&](Frame& frame, int pass) {
+        if (pass != 5) return;
+        const World& w = frame.world();
+        const ThreadState& s = w.thread_state;
+        ASSERT_EQ(s.hold.size(), 2u);
+        ASSERT_EQ(s.hole.size(), 1u);
+        ASSERT_GT(s.hold[1].stiffness, 0);
+        const double omega = std::sqrt((s.hold[0].stiffness + s.hold[1].stiffness) / 0.05);
+        EXPECT_NEAR(s.stable_dt[1], 2 * kStableShare / omega, 1e-9);
+    });
 }
 
 // Another hand presses on a thread that is held at both ends: it bears what the two strands pull.
@@ -531,6 +688,16 @@ TEST(Threads, ADamagedStateIsRefused) {
         EXPECT_NE(fault([](ThreadState& s) { s.hold[1].tied = 1; }), "");
         EXPECT_NE(fault([](ThreadState& s) { s.hold[1].slides = false; }), "");
         EXPECT_NE(fault([](ThreadState& s) { s.hole.emplace_back().sewn = 3; }), "");
+        EXPECT_NE(fault([](ThreadState& s) { s.touching.pop_back(); }), "");
+    });
+    // while the needle is in a hole
+    run(WrittenScene("damaged_grip", two_stitches()).build().world, 6, [&](Frame& frame, int pass) {
+        if (pass != 5) return;
+        World& w = const_cast<World&>(frame.world());
+        ASSERT_EQ(find_fault(w), "");
+        ASSERT_EQ(w.thread_state.hole.size(), 1u);
+        w.thread_state.hole[0].node[0] = w.thread_state.hole[0].node[1];
+        EXPECT_EQ(find_fault(w), "threads: a grip that is not that of its hole");
     });
 }
 

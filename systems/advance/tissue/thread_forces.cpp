@@ -6,6 +6,7 @@
 #include "engine/mesh/surfaces.hpp"
 #include "engine/thread/needle_grip.hpp"
 #include "engine/thread/rod.hpp"
+#include "engine/thread/touch.hpp"
 #include "systems/advance/rigid/rigid_bodies.hpp"
 namespace trocar {
 namespace {
@@ -22,10 +23,6 @@ bool holds_in_island(const AdvanceIsland& island, const Bodies& bodies, uint32_t
 constexpr uint32_t kAwayBody = kNone - 1;
 
 double energy_of_hold(double stiffness, const Vec3d& stretch) { return 0.5 * stiffness * stretch.squaredNorm(); }
-double energy_of_touch(const ThreadTouch& touch, const Vec3d& at, const Vec3d& place) {
-    const double depth = touch.gap - touch.normal.dot(at - place);
-    return depth > 0 ? 0.5 * kContactStiffness * depth * depth : 0;
-}
 
 // Sum over the nodes of a hold or a touch of weight times what `of` says about the node.
 template <typename At, typename Of>
@@ -91,8 +88,9 @@ double energy_of_thread(const AdvanceCall& call, const Thread& thread, const Rod
     for (uint32_t i = 0; i < rod.count; ++i) {
         if (const uint32_t h = rod.held[i]; h != kNone)
             sum += energy_of_hold(state.hold[h].stiffness, rod.position[i] - state.hold[h].before);
-        else if (const uint32_t t = rod.touching[i]; t != kNone)
-            sum += energy_of_touch(state.touch[t], rod.position[i], state.touch[t].before);
+        else
+            for (const uint32_t t : touches_of(rod, i))
+                if (t != kNone) sum += energy_of_touch(state.touch[t], rod.position[i], state.touch[t].before);
     }
     return sum;
 }
@@ -114,11 +112,22 @@ double close_bites(const AdvanceCall& call, const AdvanceIsland& island, const R
     return work;
 }
 
+// Lets points out that are nearer to bodies than they should be. Returns the work of that, J.
+double let_points_out(const AdvanceCall& call, const Thread& thread, const Rod& rod) {
+    ThreadState& state = *call.inputs.other.thread_state;
+    double work = 0;
+    for (uint32_t i = 0; i < rod.count; ++i)
+        for (const uint32_t k : touches_of(rod, i))
+            if (k != kNone && rod.held[i] == kNone)
+                work += let_out(thread.radius + 0.5 * call.inputs.bodies.thickness[state.touch[k].body], call.dt, rod.position[i],
+                                state.touch[k]);
+    return work;
+}
+
 void set_planes(const AdvanceCall& call, const Particles& particles, AdvanceIsland& island, const Rod& rod) {
     IslandThreads& t = island.threads;
     const ThreadState& state = *call.inputs.other.thread_state;
-    for (uint32_t i = 0; i < rod.count; ++i) {
-        const uint32_t index = rod.touching[i];
+    for (const uint32_t index : rod.touching.first(size_t{kTouchesPerPoint} * rod.count)) {
         if (index == kNone) continue;
         const ThreadTouch& touch = state.touch[index];
         const Vec3d place = thread_place_at_kick(call, particles, island, touch, t.touch_rigid[index]);
@@ -147,7 +156,10 @@ double set_thread_forces(const AdvanceCall& call, AdvanceIsland& island, uint32_
             t.force[h] = state.hold[h].stiffness * (rod.position[i] - t.place[h]);
             if (!t.force[h].allFinite()) t.force[h].setZero();  // of a body about to be restored
             t.kick[h] = kick_on(call, island, state.hold[h], t.rigid[h]);
-        } else if (const uint32_t k = rod.touching[i]; k != kNone) {
+            continue;
+        }
+        for (const uint32_t k : touches_of(rod, i)) {
+            if (k == kNone) continue;
             const Vec3d start = rod.position[i] - call.dt * rod.velocity[i];
             const PlaneForce force = force_of_plane(t.plane[k], start, rod.position[i], call.dt);
             t.touch_row[k] = first + i;
@@ -237,7 +249,7 @@ void step_threads(const AdvanceCall& call, const Particles& particles, AdvanceIs
         ThreadState& state = *call.inputs.other.thread_state;
         const Thread& thread = call.inputs.other.threads->thread[index];
         Rod rod = rod_of(thread, index, state);
-        const double drawn = close_bites(call, island, rod);
+        const double drawn = close_bites(call, island, rod), let = let_points_out(call, thread, rod);
         for (uint32_t i = 0; i < rod.count; ++i)
             if (const uint32_t h = rod.held[i]; h != kNone)
                 t.place[h] = thread_place_at_kick(call, particles, island, state.hold[h], t.rigid[h]);
@@ -254,7 +266,7 @@ void step_threads(const AdvanceCall& call, const Particles& particles, AdvanceIs
         set_grip_forces(call, particles, island, index, result);
         ThreadProgress& progress = state.progress[index];
         if (account) {
-            result.work_damping += step.damping_work, result.work_contact += step.friction_work + rubbed;
+            result.work_damping += step.damping_work, result.work_contact += step.friction_work + rubbed + let;
             result.work_links += drawn + step.knot_work;
             const double numeric =
                 energy_of_thread(call, thread, rod) - before - step.damping_work - step.friction_work - step.knot_work - rubbed;
@@ -354,7 +366,7 @@ bool is_unheld(const AdvanceIsland& island, uint32_t rigid) {
 void drop_touches(uint32_t thread, const Rod& rod, ThreadState& state) {
     for (uint32_t k = 0; k < state.touch.size(); ++k)
         if (state.touch[k].thread == thread && state.touch[k].stored != 0 &&
-            std::find(rod.touching.begin(), rod.touching.begin() + rod.count, k) == rod.touching.begin() + rod.count)
+            std::ranges::count(rod.touching.first(size_t{kTouchesPerPoint} * rod.count), k) == 0)
             state.touch[k].stored = 0;
 }
 

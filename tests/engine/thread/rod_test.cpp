@@ -20,7 +20,7 @@ struct TestRod {
         thread.spacing = spacing, thread.rows = {0, points + 60}, thread.most_bites = 10;
         state.count = {points};
         state.material.resize(thread.rows.count), state.held.resize(thread.rows.count, kNone),
-            state.touching.resize(thread.rows.count, kNone);
+            state.touching.resize(size_t{kTouchesPerPoint} * thread.rows.count, kNone);
         state.position.resize(thread.rows.count, Vec3d::Zero()), state.velocity.resize(thread.rows.count, Vec3d::Zero());
         for (uint32_t i = 0; i < points; ++i) state.material[i] = i * spacing, state.position[i] = Vec3d(i * spacing, 0, 0);
     }
