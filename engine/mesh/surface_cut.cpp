@@ -46,7 +46,7 @@ double time_of(const EdgeSweep& s, const Vec3d& x) {
 }
 
 // A vertex of the path, where the sweep crosses an edge.
-struct PathPoint {
+struct CutPoint {
     CutEdge edge{};
     uint32_t vertex = kNone;  // kNone: to be made
     double along = 0;         // of the edge
@@ -80,20 +80,20 @@ std::vector<uint32_t> near_triangles(const EdgeSweep& sweep, const CutMesh& mesh
 }
 
 // The crossed edges, ascending.
-std::vector<PathPoint> find_path(const EdgeSweep& sweep, const CutMesh& mesh, std::span<const uint32_t> near) {
+std::vector<CutPoint> find_path(const EdgeSweep& sweep, const CutMesh& mesh, std::span<const uint32_t> near) {
     std::vector<CutEdge> edges;
     for (const uint32_t t : near)
         for (int k = 0; k < 3; ++k) edges.push_back(cut_edge(mesh.triangle[t][k], mesh.triangle[t][(k + 1) % 3]));
     std::sort(edges.begin(), edges.end());
     edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
-    std::vector<PathPoint> path;
+    std::vector<CutPoint> path;
     for (const CutEdge& e : edges) {
         const Vec3d &p = mesh.place[e[0]], &q = mesh.place[e[1]];
         const Vec3d moved = 0.5 * (moved_by(mesh, e[0]) + moved_by(mesh, e[1]));
         const EdgeSweep s{sweep.a0 + moved, sweep.b0 + moved, sweep.a1, sweep.b1};
         const double along = crossing_of(s, p, q);
         if (std::isnan(along)) continue;
-        PathPoint point{e, kNone, along, time_of(s, p + along * (q - p))};
+        CutPoint point{e, kNone, along, time_of(s, p + along * (q - p))};
         const double length = (mesh.rest[e[1]] - mesh.rest[e[0]]).norm(), snap = kSnap * std::max(length, mesh.mean_edge);
         if (std::min(along, 1 - along) * length < snap) point.vertex = along < 0.5 ? e[0] : e[1];
         path.push_back(point);
@@ -102,16 +102,16 @@ std::vector<PathPoint> find_path(const EdgeSweep& sweep, const CutMesh& mesh, st
 }
 
 // The path point on an edge; null if the edge is not crossed.
-const PathPoint* point_on(std::span<const PathPoint> path, const CutEdge& edge) {
-    const auto found = std::lower_bound(path.begin(), path.end(), edge, [](const PathPoint& p, const CutEdge& e) { return p.edge < e; });
+const CutPoint* point_on(std::span<const CutPoint> path, const CutEdge& edge) {
+    const auto found = std::lower_bound(path.begin(), path.end(), edge, [](const CutPoint& p, const CutEdge& e) { return p.edge < e; });
     return found != path.end() && found->edge == edge ? &*found : nullptr;
 }
 
 // Pairs of path vertices that follow each other within a triangle, by the time of the sweep. A tip comes first.
-void connect_path(const Triangle& corner, std::span<const PathPoint> path, std::span<const uint32_t> front, std::vector<CutEdge>& joined) {
+void connect_path(const Triangle& corner, std::span<const CutPoint> path, std::span<const uint32_t> front, std::vector<CutEdge>& joined) {
     std::vector<std::pair<double, uint32_t>> met;
     for (int k = 0; k < 3; ++k) {
-        if (const PathPoint* p = point_on(path, cut_edge(corner[k], corner[(k + 1) % 3]))) met.push_back({p->time, p->vertex});
+        if (const CutPoint* p = point_on(path, cut_edge(corner[k], corner[(k + 1) % 3]))) met.push_back({p->time, p->vertex});
     }
     if (met.empty()) return;
     for (const uint32_t v : corner)
@@ -124,7 +124,7 @@ void connect_path(const Triangle& corner, std::span<const PathPoint> path, std::
 // Splits triangles along the split edges of the path.
 class Splitter {
  public:
-    Splitter(CutMesh& mesh, std::span<const PathPoint> path, std::span<const CutEdge> joined) : mesh_(mesh), path_(path), joined_(joined) {}
+    Splitter(CutMesh& mesh, std::span<const CutPoint> path, std::span<const CutEdge> joined) : mesh_(mesh), path_(path), joined_(joined) {}
     void split(uint32_t t) {
         const Triangle corner = mesh_.triangle[t];
         std::array<uint32_t, 3> middle{kNone, kNone, kNone};
@@ -132,7 +132,7 @@ class Splitter {
         int count = 0, first = 0;
         for (int k = 0; k < 3; ++k) {
             const CutEdge e = cut_edge(corner[k], corner[(k + 1) % 3]);
-            const PathPoint* p = point_on(path_, e);
+            const CutPoint* p = point_on(path_, e);
             if (!p || p->vertex == e[0] || p->vertex == e[1]) continue;
             middle[k] = p->vertex, along[k] = corner[k] == e[0] ? p->along : 1 - p->along, ++count;
         }
@@ -182,7 +182,7 @@ class Splitter {
     }
 
     CutMesh& mesh_;
-    std::span<const PathPoint> path_;
+    std::span<const CutPoint> path_;
     std::span<const CutEdge> joined_;
     uint32_t from_ = 0;
     bool taken_ = false;
@@ -298,9 +298,9 @@ double add_slits(CutMesh& mesh, std::span<const CutEdge> joined) {
 
 // The vertices at which the cut may go on: the last of every connected part of the path, and older ones of which a
 // triangle still holds the edge at the end of the sweep.
-void move_front(const EdgeSweep& s, std::span<const PathPoint> path, std::span<const CutEdge> joined, CutMesh& mesh) {
+void move_front(const EdgeSweep& s, std::span<const CutPoint> path, std::span<const CutEdge> joined, CutMesh& mesh) {
     std::vector<std::pair<uint32_t, double>> latest;  // vertex, time; ascending
-    for (const PathPoint& p : path) latest.push_back({p.vertex, p.time});
+    for (const CutPoint& p : path) latest.push_back({p.vertex, p.time});
     std::sort(latest.begin(), latest.end());
     std::vector<uint32_t> front;
     // a point is a tip if none that it is joined to is later
@@ -346,20 +346,20 @@ CutResult cut_surface(const EdgeSweep& sweep, CutMesh& mesh, std::vector<CutVert
     made.clear();
     CutResult result;
     const std::vector<uint32_t> near = near_triangles(sweep, mesh);
-    std::vector<PathPoint> path = find_path(sweep, mesh, near);
+    std::vector<CutPoint> path = find_path(sweep, mesh, near);
     if (path.empty()) {
         move_front(sweep, path, {}, mesh);
         return result;
     }
     uint32_t split = 0;
-    for (const PathPoint& p : path) split += p.vertex == kNone;
+    for (const CutPoint& p : path) split += p.vertex == kNone;
     // a vertex of the path may be duplicated once for each of the slits at it, two of which are new
     const size_t ends = 2 * (path.size() + mesh.front.size() + mesh.slit.size());
     if (mesh.vertices + split + ends > mesh.rest.size() || mesh.triangles + 2 * size_t{split} > mesh.triangle.size()) {
         result.refused = true;
         return result;
     }
-    for (PathPoint& p : path) {
+    for (CutPoint& p : path) {
         if (p.vertex != kNone) continue;
         p.vertex = mesh.vertices++;
         const auto between = [&](std::span<Vec3d> of) { of[p.vertex] = of[p.edge[0]] + p.along * (of[p.edge[1]] - of[p.edge[0]]); };
@@ -372,7 +372,7 @@ CutResult cut_surface(const EdgeSweep& sweep, CutMesh& mesh, std::vector<CutVert
     std::sort(joined.begin(), joined.end());
     joined.erase(std::unique(joined.begin(), joined.end()), joined.end());
     // a slit whose edge is split is a slit in both parts
-    for (const PathPoint& p : path) {
+    for (const CutPoint& p : path) {
         const auto whole = std::lower_bound(mesh.slit.begin(), mesh.slit.end(), p.edge);
         if (p.vertex == p.edge[0] || p.vertex == p.edge[1] || whole == mesh.slit.end() || *whole != p.edge) continue;
         mesh.slit.erase(whole);

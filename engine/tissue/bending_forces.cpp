@@ -11,7 +11,7 @@ namespace trocar {
 namespace {
 
 constexpr uint32_t kGroup = 8;              // hinges at a time
-constexpr uint32_t kGroupsPerChunk = 2048;  // the same chunks for any number of threads
+constexpr uint32_t kHingeGroupsPerChunk = 2048;  // the same chunks for any number of threads
 constexpr double kLeastHeight = 0.25;       // mean edges: hinges of flatter triangles are softened
 
 struct Vectors {
@@ -222,7 +222,7 @@ void add_bending_forces(const Springs& springs, uint32_t prototype, double rigid
     const size_t range = size_t{4} * kGroup * groups.count;
     if (hinge_force.size() <= range) hinge_force.resize(range + 1);
     hinge_force[range] = {};  // what padding refers to
-    parallel_for(groups.count, kGroupsPerChunk, [&](uint32_t begin, uint32_t end) {
+    parallel_for(groups.count, kHingeGroupsPerChunk, [&](uint32_t begin, uint32_t end) {
         hinge_forces(&offset->x, hinges, static_cast<float>(rigidity), groups.first + begin, groups.first + end,
                      hinge_force.data() + size_t{4} * kGroup * begin);
     });
@@ -234,10 +234,10 @@ void add_bending_forces(const Springs& springs, uint32_t prototype, double rigid
 
 double find_bending_energy(const Springs& springs, uint32_t prototype, double rigidity, const Float4* offset, std::vector<double>& sums) {
     const Range groups = springs.hinges.groups[prototype];
-    sums.assign(size_t{chunk_count(groups.count, kGroupsPerChunk)} * kGroup, 0.0);
-    parallel_for(groups.count, kGroupsPerChunk, [&](uint32_t begin, uint32_t end) {
+    sums.assign(size_t{chunk_count(groups.count, kHingeGroupsPerChunk)} * kGroup, 0.0);
+    parallel_for(groups.count, kHingeGroupsPerChunk, [&](uint32_t begin, uint32_t end) {
         hinge_energies(&offset->x, springs.hinges, groups.first + begin, groups.first + end,
-                       sums.data() + size_t{begin / kGroupsPerChunk} * kGroup);
+                       sums.data() + size_t{begin / kHingeGroupsPerChunk} * kGroup);
     });
     double total = 0;
     for (const double sum : sums) total += sum;

@@ -65,7 +65,7 @@ class CutEdges {
     std::vector<uint8_t> touched_;
 };
 
-uint32_t corner_of(const LatticeTet& t, uint32_t node) {
+uint32_t corner_index(const LatticeTet& t, uint32_t node) {
     for (uint32_t k = 0; k < 4; ++k)
         if (t[k] == node) return k;
     return kNone;
@@ -183,7 +183,7 @@ uint32_t find_part_fans(const Lattice& lattice, const std::vector<std::array<uin
                 if (lacking == at.corner || beyond == kNone) continue;
                 for (uint32_t k = 0; k < 4; ++k) {
                     if (k == lacking || !(own.owned >> k & 1)) continue;
-                    const uint32_t next = row_of(owner[beyond][corner_of(lattice.tetrahedron[beyond], t[k])]);
+                    const uint32_t next = row_of(owner[beyond][corner_index(lattice.tetrahedron[beyond], t[k])]);
                     if (around[next].fan != kNone) continue;
                     around[next].fan = fans;
                     open.push_back(next);
@@ -313,7 +313,7 @@ class SurfaceMaker {
     void add_face(uint32_t f) {
         Triangle c = lattice_.face[f].corner;
         const uint32_t t = lattice_.face[f].tetrahedron;
-        const auto part_at = [&](uint32_t node) { return owner_[t][corner_of(lattice_.tetrahedron[t], node)]; };
+        const auto part_at = [&](uint32_t node) { return owner_[t][corner_index(lattice_.tetrahedron[t], node)]; };
         int cuts = 0;
         for (int k = 0; k < 3; ++k) cuts += cut(c[k], c[(k + 1) % 3]);
         // one cut edge becomes the first; of two, the node between them
@@ -355,7 +355,7 @@ class SurfaceMaker {
                     if (a == lacking || b == lacking || own[a] == own[b]) continue;
                     if (beyond == kNone) return true;
                     const LatticeTet &tet = lattice_.tetrahedron[t], &other = lattice_.tetrahedron[beyond];
-                    if (owner_[beyond][corner_of(other, tet[a])] != owner_[beyond][corner_of(other, tet[b])]) return true;
+                    if (owner_[beyond][corner_index(other, tet[a])] != owner_[beyond][corner_index(other, tet[b])]) return true;
                 }
             }
         }
@@ -484,14 +484,14 @@ std::array<double, 4> weights_of(const LatticePoint& point, const LatticeTet& t,
     std::array<double, 4> weight{};
     const auto nodes = static_cast<uint32_t>(std::count_if(point.begin(), point.end(), [](uint32_t n) { return n != kNone; }));
     if (nodes == 1) {
-        weight[corner_of(t, point[0])] = 1;
+        weight[corner_index(t, point[0])] = 1;
         return weight;
     }
     const double share = 2.0 / (nodes * (nodes - 1));
     for (uint32_t i = 0; i < nodes; ++i) {
         for (uint32_t j = i + 1; j < nodes; ++j) {
             const double along = cuts.from(point[i], point[j]);
-            weight[corner_of(t, point[i])] += share * (1 - along), weight[corner_of(t, point[j])] += share * along;
+            weight[corner_index(t, point[i])] += share * (1 - along), weight[corner_index(t, point[j])] += share * along;
         }
     }
     return weight;

@@ -14,7 +14,7 @@ namespace {
 constexpr double kMostShift = 0.05;       // of a mean edge, of a vertex in a pass: 6 edges/s at 120 Hz
 constexpr double kLeastSlope = 0.1;       // cosine of edge and normal, below which the gradient grows no more
 constexpr double kFullGradient = 0.3;     // gradients above this take the whole step
-constexpr double kLeastShare = 1.0 / 16;  // of the shifts, that is tried
+constexpr double kLeastShiftShare = 1.0 / 16;  // of the shifts, that is tried
 constexpr double kSpark = 0.0025;         // of a mean edge, by which springs may be longer than what the surface has as energy allows
 
 Vec3d place(const SideBySide& s, uint32_t v) { return {s.position[v].x, s.position[v].y, s.position[v].z}; }
@@ -116,7 +116,7 @@ void draw_apart(const TangledSurfaces& t, uint32_t body, uint32_t other, Untangl
     const double most = std::max(own_energy(before), most_energy(t.surfaces, body) + (other != body ? most_energy(t.surfaces, other) : 0));
     Energy after;
     double share = 1;
-    for (; share >= kLeastShare; share *= 0.5) {
+    for (; share >= kLeastShiftShare; share *= 0.5) {
         each_shifted(bodies, body, other, s, [&](uint32_t v, uint32_t particle) {
             const Float4& from = s.offset[v];
             const Vec3d shift = share * s.shift[v];
@@ -126,7 +126,7 @@ void draw_apart(const TangledSurfaces& t, uint32_t body, uint32_t other, Untangl
         after = energy_with(t.inputs, body, other, s.energy);
         if (own_energy(after) <= most) break;
     }
-    if (share < kLeastShare) {  // stays crossed
+    if (share < kLeastShiftShare) {  // stays crossed
         each_shifted(bodies, body, other, s, [&](uint32_t v, uint32_t particle) { particles.offset[particle] = s.offset[v]; });
         return;
     }

@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kFarthest = 0.75;            // of a mean edge: displacement of a pass that is looked ahead at most
 constexpr double kLookAhead = 0.5;            // of a mean edge, added to the reach of a look; by trial
-constexpr double kAbove = 0.5;                // cosine to a triangle's normal of what is above the triangle
+constexpr double kAboveCosine = 0.5;                // cosine to a triangle's normal of what is above the triangle
 constexpr double kCrossing = 0.05;            // sine between edges whose contact is not left to their ends
 constexpr double kBeside = 1e-3;              // cosine, by which the nearest point may be beside a feature
 constexpr double kSteep = 0.1;                // sine, by which a surface may go on against the normal of its contact
@@ -222,7 +222,7 @@ SelfContactPair measure_vertex(const NearSurfaces& n, const SelfContacts& before
     const Vec3d face = triangle_normal(at[0], at[1], at[2]).normalized(), closest = p + found.offset;
     const double height = face.dot(p - closest);
     const bool on_face = found.feature == Feature::kFace;
-    if (!face.allFinite() || !(on_face || std::abs(height) > kAbove * distance || distance == 0)) return pair;
+    if (!face.allFinite() || !(on_face || std::abs(height) > kAboveCosine * distance || distance == 0)) return pair;
     pair.kept = true;
     const uint32_t index = find_before(before, of_pair, false, pair.feature);
     const bool keeps_side = index != kNone && n.keeps_sides && (on_face || !is_rim(n.other_mesh, t, found.feature));
@@ -257,7 +257,7 @@ bool leads_away(const MeshView& mesh, uint32_t edge, const Vec3d& direction, con
         if (t >= mesh.triangle.size()) return false;
         const auto [a, b, c] = mesh.triangle[t];
         const Vec3d normal = (at(b) - at(a)).cross(at(c) - at(a));
-        return std::abs(normal.dot(direction)) > kAbove * normal.norm();
+        return std::abs(normal.dot(direction)) > kAboveCosine * normal.norm();
     });
 }
 

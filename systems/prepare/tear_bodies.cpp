@@ -41,7 +41,7 @@ std::vector<uint8_t> hidden_flags(const Tears& tears, const TearBody& tear, std:
 }
 
 // Removes the tetrahedra in the region of a cut.
-void cut_solid(const TearPass& pass, const Cut& cut, const Meshes& meshes, const Tears& tears, const Particles& particles,
+void cut_torn_solid(const TearPass& pass, const Cut& cut, const Meshes& meshes, const Tears& tears, const Particles& particles,
                TearState state) {
     const uint32_t body = tears.body[cut.tear].body, prototype = pass.bodies.mesh[body];
     const SolidInfo& info = pass.solids.info[prototype];
@@ -355,7 +355,7 @@ void cut_bodies(const TearPass& pass, Particles& particles, Meshes& meshes, std:
         if (torn.cut[c] || pass.now < cut.time) continue;
         if (tears_as_solid(tears.body[cut.tear])) {
             copy_torn_springs(pass.springs, pass.solids, bodies, tears, torn, state.torn_springs);
-            cut_solid(pass, cut, meshes, tears, particles, state);
+            cut_torn_solid(pass, cut, meshes, tears, particles, state);
         } else {
             mark_cut(cut, tears, bodies, meshes, torn);
         }

@@ -14,7 +14,7 @@ Vec4d velocity_at(const SweptConstraint& c, std::span<const SweptBody> bodies) {
     return a.velocity + cross(a.spin, c.arm[0]) - b.velocity - cross(b.spin, c.arm[1]);
 }
 
-void give_impulse(const SweptConstraint& c, Vec4d impulse, std::span<SweptBody> bodies) {
+void apply_impulse(const SweptConstraint& c, Vec4d impulse, std::span<SweptBody> bodies) {
     for (int side = 0; side < 2; ++side) {
         SweptBody& body = bodies[c.body[side]];
         if (body.inv_mass == 0) continue;  // what stands still is shared by threads
@@ -42,7 +42,7 @@ double solve_swept(SweptConstraint& c, std::span<SweptBody> bodies) {
         impulse += friction_change;
         change2 = std::max(change2, norm2(friction_change));
     }
-    give_impulse(c, impulse, bodies);
+    apply_impulse(c, impulse, bodies);
     return c.effective_mass > 0 ? change2 / (c.effective_mass * c.effective_mass) : 0;
 }
 
@@ -128,7 +128,7 @@ void move_on(double share, std::span<SweptConstraint> constraints, std::span<Swe
         if (share == 0) continue;
         c.normal_impulse += normal_on;
         c.friction_impulse += friction_on;
-        give_impulse(c, normal_on * c.normal + friction_on, bodies);
+        apply_impulse(c, normal_on * c.normal + friction_on, bodies);
     }
 }
 

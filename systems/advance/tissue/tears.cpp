@@ -57,7 +57,7 @@ void break_half_edge(const AdvanceCall& call, const AdvanceBody& b, uint32_t fro
 }
 
 // At the time of the velocities, m from the body's origin.
-Vec3d position_of(const Particles& particles, const AdvanceBody& b, uint32_t v) {
+Vec3d node_position(const Particles& particles, const AdvanceBody& b, uint32_t v) {
     const Particles& p = particles;
     const uint32_t i = b.particles.first + v;
     const double back = 0.5 * b.last_dt;
@@ -66,7 +66,7 @@ Vec3d position_of(const Particles& particles, const AdvanceBody& b, uint32_t v) 
 
 // Energy of a spring at the time of the velocities, J.
 double energy_of_spring(const Particles& particles, const AdvanceBody& b, size_t h, uint32_t from, uint32_t to) {
-    const double stretch = (position_of(particles, b, to) - position_of(particles, b, from)).norm() - double{b.step.rest_length[h]};
+    const double stretch = (node_position(particles, b, to) - node_position(particles, b, from)).norm() - double{b.step.rest_length[h]};
     return 0.5 * double{b.step.stiffness} * (b.step.spring_factor ? double{b.step.spring_factor[h]} : 1.0) * stretch * stretch;
 }
 
@@ -115,7 +115,7 @@ void break_tetrahedra(const AdvanceCall& call, const Particles& particles, const
         if (any) broken.push_back(t);
     }
     std::vector<Vec3d> position(info.nodes.count);
-    for (uint32_t v = 0; v < info.nodes.count; ++v) position[v] = position_of(particles, b, v);
+    for (uint32_t v = 0; v < info.nodes.count; ++v) position[v] = node_position(particles, b, v);
     result.work_links -= drop_tetrahedra(call.inputs.springs, *other.solids, call.inputs.bodies, b.body, broken, position, *other.torn,
                                          *other.torn_springs, result.broken_springs);
 }
