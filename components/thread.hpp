@@ -14,17 +14,17 @@ namespace trocar {
 // density 910 kg/m^3 and Young's modulus of drawn polypropylene (1 to 3 GPa; Mark, Polymer Data Handbook, 1999).
 struct Thread {
     std::string name;
-    double radius = 0.112e-3;      // m
-    double youngs_modulus = 1.5e9; // Pa
-    double density = 910;          // kg/m^3
-    double damping = 20;           // 1/s, decay rate of the velocity: drag of what surrounds it
-    double friction = 0.15;        // Coulomb coefficient against tissue at a bite
-    double spacing = 2e-3;         // m, of its points; between half and 1.75 times that beside a bite
-    bool contact = true;           // with all bodies but that of its needle
-    bool knot = true;              // its first end bears a knot that no bite lets through
-    uint32_t tool = kNone;         // that holds the needle
-    Range rows;                    // of ThreadState's columns: those reserved
-    uint32_t most_bites = 0;       // for which there is room
+    double radius = 0.112e-3;                        // m
+    double youngs_modulus = 1.5e9;                   // Pa
+    double density = 910;                            // kg/m^3
+    double damping = 20;                             // 1/s, decay rate of the velocity: drag of what surrounds it
+    double friction = 0.15;                          // Coulomb coefficient against tissue at a bite
+    double spacing = 2e-3;                           // m, of its points; between half and 1.75 times that beside a bite
+    bool contact = true;                             // with all bodies but that of its needle
+    bool knot = true;                                // its first end bears a knot that no bite lets through
+    uint32_t tool = kNone;                           // that holds the needle
+    Range rows;                                      // of ThreadState's columns: those reserved
+    uint32_t most_bites = 0;                         // for which there is room
     std::array<double, 3> colour{0.03, 0.07, 0.35};  // linear
     TROCAR_FIELDS(name, radius, "m", youngs_modulus, "Pa", density, "kg/m^3", damping, "1/s", friction, spacing, "m", contact, knot, tool,
                   "index of tools or none", rows, "range of thread rows", most_bites, colour);
@@ -54,26 +54,26 @@ struct Threads {
 // instead: engine/thread/needle_grip.hpp.
 struct ThreadHold {
     uint32_t thread = 0;
-    uint32_t body = kNone;             // kNone = a place in the world
-    uint32_t action = kNone;           // that made a bite
+    uint32_t body = kNone;    // kNone = a place in the world
+    uint32_t action = kNone;  // that made a bite
     bool slides = false;
-    bool left = false;                 // the end of the thread has slid through: to be removed
+    bool left = false;                                         // the end of the thread has slid through: to be removed
     std::array<uint32_t, 4> node{kNone, kNone, kNone, kNone};  // of a deformable body, then kNone
     std::array<double, 4> weight{};                            // of the nodes
-    Vec3d point = Vec3d::Zero();       // m, of a rigid body: in its frame; of no body: in the world; of a bite or a knot: what is still open
-    double stiffness = 0;              // N/m
-    double stored = 0;                 // J, of the spring, at the time of the velocities
-    Vec3d before = Vec3d::Zero();      // m, world: the body's point at the end of the last substep
-    Vec3d impulse = Vec3d::Zero();     // N s, of the thread on the body, summed over the pass
-    double passed = 0;                 // m, of thread towards the needle, net
-    double lower = 0, upper = 0;       // N, tension on both sides of a bite: towards the first end and the needle
+    Vec3d point = Vec3d::Zero();    // m, of a rigid body: in its frame; of no body: in the world; of a bite or a knot: what is still open
+    double stiffness = 0;           // N/m
+    double stored = 0;              // J, of the spring, at the time of the velocities
+    Vec3d before = Vec3d::Zero();   // m, world: the body's point at the end of the last substep
+    Vec3d impulse = Vec3d::Zero();  // N s, of the thread on the body, summed over the pass
+    double passed = 0;              // m, of thread towards the needle, net
+    double lower = 0, upper = 0;    // N, tension on both sides of a bite: towards the first end and the needle
     // A knot is two holds without a body, each `tied` to the other: the point near the first end stays, the other one slides.
-    uint32_t tied = kNone;             // index of the other hold; with it, on the one that slides:
+    uint32_t tied = kNone;  // index of the other hold; with it, on the one that slides:
     uint32_t throws = 0;
-    uint32_t squared = 0;              // of the throws, those wound against the one before
-    double way = 0;                    // of the last throw: 1 or -1
-    TROCAR_FIELDS(thread, "index of threads", body, "index of bodies or none", action, "index of actions or none", slides, left, node, weight,
-                  point, "m", stiffness, "N/m", stored, "J", before, "m", impulse, "N s", passed, "m", lower, "N", upper, "N", tied,
+    uint32_t squared = 0;  // of the throws, those wound against the one before
+    double way = 0;        // of the last throw: 1 or -1
+    TROCAR_FIELDS(thread, "index of threads", body, "index of bodies or none", action, "index of actions or none", slides, left, node,
+                  weight, point, "m", stiffness, "N/m", stored, "J", before, "m", impulse, "N s", passed, "m", lower, "N", upper, "N", tied,
                   "index of holds or none", throws, squared, way);
 };
 
@@ -103,6 +103,10 @@ struct ThreadTouch {
                   stored, "J");
 };
 
+// A point of a thread may lie on one body while another one pushes it: ThreadState::touching has this many places per row, for the bodies
+// that the point would meet first.
+inline constexpr uint32_t kTouchesPerPoint = 2;
+
 // What has happened to one thread so far.
 struct ThreadProgress {
     bool stepped = false;        // with the bodies of an island, in this pass
@@ -116,19 +120,20 @@ struct ThreadProgress {
 
 // Points of all threads, each in its rows from its first end to the needle; only the first `count` of a thread are in use.
 struct ThreadState {
-    std::vector<uint32_t> count;      // one per thread
-    std::vector<double> material;     // m, unstretched, from the first end: ascending
-    std::vector<Vec3d> position;      // m, world
-    std::vector<Vec3d> velocity;      // m/s
-    std::vector<uint32_t> held;       // index into hold, or kNone
-    std::vector<ThreadHold> hold;     // in the order in which they were made
-    std::vector<NeedleHole> hole;     // likewise
-    std::vector<Vec3d> before;        // m, world: vertices of the sewn bodies when their needles were last looked at
-    std::vector<uint32_t> touching;   // per row: index into touch, or kNone
-    std::vector<ThreadTouch> touch;   // of this pass
-    std::vector<double> stable_dt;    // s, per body: longest step that its holds allow; empty without any
+    std::vector<uint32_t> count;           // one per thread
+    std::vector<double> material;          // m, unstretched, from the first end: ascending
+    std::vector<Vec3d> position;           // m, world
+    std::vector<Vec3d> velocity;           // m/s
+    std::vector<uint32_t> held;            // index into hold, or kNone
+    std::vector<ThreadHold> hold;          // in the order in which they were made
+    std::vector<NeedleHole> hole;          // likewise
+    std::vector<Vec3d> before;             // m, world: vertices of the sewn bodies when their needles were last looked at
+    std::vector<uint32_t> touching;        // kTouchesPerPoint per row: indices into touch, or kNone
+    std::vector<ThreadTouch> touch;        // of this pass
+    std::vector<double> stable_dt;         // s, per body: longest step that its holds allow; empty without any
     std::vector<ThreadProgress> progress;  // one per thread
-    TROCAR_FIELDS(count, material, "m", position, "m", velocity, "m/s", held, hold, hole, before, "m", touching, touch, stable_dt, "s", progress);
+    TROCAR_FIELDS(count, material, "m", position, "m", velocity, "m/s", held, hold, hole, before, "m", touching, touch, stable_dt, "s",
+                  progress);
 };
 
 }  // namespace trocar

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "components/thread_touches.hpp"
 #include "content/scene/find_body.hpp"
 #include "engine/mesh/surfaces.hpp"
 namespace trocar {

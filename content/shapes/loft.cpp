@@ -90,7 +90,7 @@ Station between(const Station& a, const Station& b, double t) {
     return s;
 }
 
-Ring make_ring(const Loft& loft, const Sides& sides, const Station& station, double edge) {
+Ring ring_at(const Loft& loft, const Sides& sides, const Station& station, double edge) {
     Ring ring;
     ring.v = station.v;
     ring.along = station.along;
@@ -123,7 +123,7 @@ std::vector<Ring> place_rings(const Loft& loft, const Sides& sides, const std::v
             while (i > 0 && stations[low + 1].graded < wanted) ++low;
             const double gap = stations[low + 1].graded - stations[low].graded;
             const double t = i > 0 && gap > 0 ? (wanted - stations[low].graded) / gap : 0.0;
-            rings.push_back(make_ring(loft, sides, between(stations[low], stations[low + 1], t), edge));
+            rings.push_back(ring_at(loft, sides, between(stations[low], stations[low + 1], t), edge));
             rings.back().phase = sides.smooth && rings.size() % 2 == 0 ? 0.5 : 0.0;
         }
     }

@@ -29,7 +29,7 @@ void sac_profile(double v, double& radius, double& height) {
 
 }  // namespace
 
-Mesh ring_mesh(uint32_t triangles) {
+Mesh make_ring(uint32_t triangles) {
     constexpr double kMiddle = 0.016, kThick = 0.004;
     Loft loft;
     loft.ring = true;

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "components/thread.hpp"
-#include "components/thread_touches.hpp"
 namespace trocar {
 
 // Points of one thread: its reserved rows, of which the first `count` are in use.

@@ -2,7 +2,6 @@
 #include <cmath>
 #include <span>
 
-#include "components/thread_touches.hpp"
 #include "engine/base/check.hpp"
 #include "engine/mesh/mass_properties.hpp"
 #include "engine/mesh/mesh_view.hpp"

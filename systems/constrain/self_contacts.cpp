@@ -423,7 +423,7 @@ bool is_beside_contour(const NearSurfaces& n, const SelfContactScratch& s, const
            (s.beside[shift + t[0]] || s.beside[shift + t[1]] || s.beside[shift + t[2]]);
 }
 
-FacingSurfaces facing(const NearSurfaces& n, const FeatureTrees& trees, const FeatureTrees& other_trees) {
+FacingSurfaces facing_surfaces(const NearSurfaces& n, const FeatureTrees& trees, const FeatureTrees& other_trees) {
     const auto shift = [&](int k) { return static_cast<float>(n.shift[k]); };
     return {n.other_mesh.triangle,
             n.mesh.edge,
@@ -507,7 +507,7 @@ void find_self_contacts(const SelfContactPass& pass, SelfContactScratch& scratch
         n.keeps_sides = !crossed && !is_held_back(pass, body, other);
         look(n, kLookAhead * std::max(n.mesh.info->mean_edge, n.other_mesh.info->mean_edge), scratch, scratch.look[i]);
         const uint32_t chunks =
-            measure(n, scratch.look[i].near, facing(n, scratch.trees[body], scratch.trees[other]), before, of_pair, scratch.measured);
+            measure(n, scratch.look[i].near, facing_surfaces(n, scratch.trees[body], scratch.trees[other]), before, of_pair, scratch.measured);
         const auto measured = std::span(scratch.measured).first(chunks);
         const uint32_t first = static_cast<uint32_t>(constraints.body.size());
         if (crossed) {

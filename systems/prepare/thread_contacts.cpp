@@ -80,15 +80,15 @@ void aim_at(const ActionPass& pass, uint32_t body, const Thread& thread, const R
     for (Near& n : near) {
         n.found = {}, n.from = rod.position[n.row];
         const Vec3d& velocity = rod.velocity[n.row];
-        n.way = pass.period * (soft ? velocity : Vec3d(velocity - velocity_at(s, body, n.from)));
+        n.displacement = pass.period * (soft ? velocity : Vec3d(velocity - velocity_at(s, body, n.from)));
         const ThreadTouch* last = touch_with(state, rod, n.row, body);
         n.touched = last != nullptr;
         if (last) {
             const Vec3d half = 0.5 * pass.period * (velocity - velocity_under(pass, *last));
             n.from += half - last->normal.dot(half) * last->normal;
         }
-        const double way = n.way.norm() + pass.period * fastest;
-        n.reach = std::min(kFarReach, kBeside + thread.radius + 0.5 * s.bodies.thickness[body] + kFaster * way);
+        const double distance = n.displacement.norm() + pass.period * fastest;
+        n.reach = std::min(kFarReach, kBeside + thread.radius + 0.5 * s.bodies.thickness[body] + kFaster * distance);
         n.found.squared = n.reach * n.reach;
     }
 }
@@ -106,12 +106,12 @@ void look_at_rigid(const ActionPass& pass, uint32_t body, double gap, std::vecto
         if (((start - box.min).array() < -n.reach).any() || ((start - box.max).array() > n.reach).any()) continue;
         SurfacePoint hit = pass.world.trees[tree]->query(start, n.reach);
         if (hit.triangle == kNone) continue;
-        const double all = n.way.norm();
+        const double all = n.displacement.norm();
         double passed = 0;
         Vec3d from = n.from;
         for (int k = 1; k < kMostLooks && !n.touched && passed < all && hit.distance - gap > kMet; ++k) {
             passed = std::min(all, passed + hit.distance - gap);
-            const Vec3d next = n.from + passed / all * n.way;
+            const Vec3d next = n.from + passed / all * n.displacement;
             const SurfacePoint there = pass.world.trees[tree]->query(world_to_frame(s, body, next), n.reach);
             if (there.triangle == kNone) break;
             hit = there, from = next;
@@ -183,9 +183,9 @@ ThreadTouch touch_of(const ActionPass& pass, const Thread& thread, uint32_t inde
     ThreadTouch touch;
     touch.thread = index, touch.body = n.body;
     touch.friction = s.bodies.tissue[n.body].friction;
-    const Vec3d way = n.from - n.place;
-    const double distance = way.norm();
-    touch.normal = distance > 1e-9 ? Vec3d(way / distance) : n.normal;
+    const Vec3d offset = n.from - n.place;
+    const double distance = offset.norm();
+    touch.normal = distance > 1e-9 ? Vec3d(offset / distance) : n.normal;
     if (n.outward && touch.normal.dot(n.normal) < 0) touch.normal = -touch.normal;
     touch.gap = thread.radius + 0.5 * s.bodies.thickness[n.body];
     if (!is_deformable(s.bodies, n.body)) {

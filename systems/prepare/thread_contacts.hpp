@@ -19,11 +19,12 @@ struct ThreadContactScratch {
     };
     struct Near {
         uint32_t row = 0;
-        Vec3d from = Vec3d::Zero(), way = Vec3d::Zero();  // m: where it is looked for; how it moves in the pass, relative to the body
-        double reach = 0;                                 // m, around `from`, from the body at hand
-        bool touched = false;                             // the body at hand, in the last pass
-        Place found;                                      // on the body at hand
-        std::array<Place, kTouchesPerPoint> kept;         // by `ahead`
+        Vec3d from = Vec3d::Zero();                // m, world: where it is looked for
+        Vec3d displacement = Vec3d::Zero();        // m, in the pass, relative to the body at hand
+        double reach = 0;                          // m, around `from`, from the body at hand
+        bool touched = false;                      // the body at hand, in the last pass
+        Place found;                               // on the body at hand
+        std::array<Place, kTouchesPerPoint> kept;  // by `ahead`
     };
     std::vector<Near> near;
     std::vector<ThreadTouch> found;

@@ -37,7 +37,7 @@ Image moving_bar(uint32_t width, uint32_t height, uint32_t number) {
 }
 
 // the video as raw RGB, decoded by ffmpeg
-std::string decode_video(const fs::path& file) {
+std::string decode(const fs::path& file) {
     const std::string command = "ffmpeg -v error -i '" + file.string() + "' -f rawvideo -pix_fmt rgb24 - 2>/dev/null";
     FILE* pipe = popen(command.c_str(), "r");
     std::string bytes;
@@ -49,7 +49,7 @@ std::string decode_video(const fs::path& file) {
 
 // every picture is there, in order, upright, with its colours (within the losses of 4:2:0 and the encoder)
 void expect_bars(const fs::path& file, uint32_t width, uint32_t height, uint32_t count) {
-    const std::string bytes = decode_video(file);
+    const std::string bytes = decode(file);
     ASSERT_EQ(bytes.size(), size_t{3} * width * height * count);
     for (uint32_t n = 0; n < count; ++n) {
         const auto channel = [&](uint32_t x, uint32_t c) {

@@ -33,7 +33,7 @@ BodySpec body(const std::string& name, const std::string& shape, Motion motion, 
     return spec;
 }
 
-void run_scene(const SceneFile& scene, double seconds, const std::function<void(const Frame&)>& each,
+void run(const SceneFile& scene, double seconds, const std::function<void(const Frame&)>& each,
          const std::function<void(const Frame&)>& last = {}) {
     ThreadPool pool(1);
     pool.run([&] {
@@ -64,7 +64,7 @@ TEST(FreeBodies, FallOnTheExactParabola) {
     const World start = std::move(build_scene(scene, Looks::kPlain).world);
     const Vec3d from = centre_of(start, 0), speed = velocity_of(start, 0);
     ASSERT_GT((from - start.poses.origin[0]).norm(), 0.05) << "the probe's origin is its tip";
-    run_scene(scene, 2, [&](const Frame& f) {
+    run(scene, 2, [&](const Frame& f) {
         const double t = seconds_of(f);
         const Vec3d exact = from + t * speed - 0.5 * t * t * Vec3d(0, 0, kGravity);
         EXPECT_LT((centre_of(f.world(), 0) - exact).norm(), 1e-12 * (1 + exact.norm()));
@@ -99,7 +99,7 @@ TEST(FreeBodies, CollisionsKeepMomentumAndTheBooks) {
     const World start = std::move(build_scene(scene, Looks::kPlain).world);
     const Totals before = totals_of(start);
     double energy = 1e9, contact = 0, first_energy = -1;
-    run_scene(
+    run(
         scene, 2,
         [&](const Frame& f) {
             const World& w = f.world();
@@ -131,7 +131,7 @@ TEST(FreeBodies, BallsBounceByTheirRestitution) {
             scene.bodies[0].velocity = {v, 0, 0};
             scene.bodies[0].tissue.restitution = e;
             scene.bodies[1].tissue.density = ratio * scene.bodies[0].tissue.density;
-            run_scene(scene, 0.5, {}, [&](const Frame& f) {
+            run(scene, 0.5, {}, [&](const Frame& f) {
                 const double a = velocity_of(f.world(), 0).x(), b = velocity_of(f.world(), 1).x();
                 EXPECT_NEAR(a, (1 - e * ratio) / (1 + ratio) * v, 0.005 * v) << "restitution " << e << ", masses 1:" << ratio;
                 EXPECT_NEAR(b, (1 + e) / (1 + ratio) * v, 0.005 * v) << "restitution " << e << ", masses 1:" << ratio;
@@ -158,7 +158,7 @@ TEST(FreeBodies, ARowOfBallsMakesNoEnergy) {
             scene.bodies[0].position.x() -= 0.06;
             scene.bodies[0].velocity = {1, 0, 0};
             double first = 0, most = 0;
-            run_scene(
+            run(
                 scene, 0.5,
                 [&](const Frame& f) {
                     if (first == 0) first = f.world().energy.kinetic;
@@ -189,7 +189,7 @@ TEST(FreeBodies, ABoxThatFallsFlatBouncesFlat) {
         scene.bodies[1].tissue.restitution = e;
         std::array<double, 2> top{};
         double steepest = 0;
-        run_scene(scene, fall * (1 + 2 * e + 2 * e * e) - 0.02, [&](const Frame& f) {
+        run(scene, fall * (1 + 2 * e + 2 * e * e) - 0.02, [&](const Frame& f) {
             const double t = seconds_of(f), second = fall * (1 + 2 * e);
             double& rise = top[t > second];
             if (t > fall) rise = std::max(rise, centre_of(f.world(), 1).z() - 0.025);
@@ -219,7 +219,7 @@ SceneFile slope(double tangent, double friction) {
 }
 
 TEST(FreeBodies, BlockHoldsOnASlopeBelowTheAngleOfFriction) {
-    run_scene(slope(0.45, 0.5), 2, {}, [](const Frame& f) {
+    run(slope(0.45, 0.5), 2, {}, [](const Frame& f) {
         EXPECT_LT(f.world().poses.origin[1].head<2>().norm(), 1e-5) << "creeps";
         EXPECT_LT(velocity_of(f.world(), 1).norm(), 1e-5);
     });
@@ -228,7 +228,7 @@ TEST(FreeBodies, BlockHoldsOnASlopeBelowTheAngleOfFriction) {
 TEST(FreeBodies, BlockSlidesOnASlopeAsCoulombSays) {
     for (const double friction : {0.0, 0.2, 0.5}) {
         const double angle = std::atan(0.6), exact = kGravity * (std::sin(angle) - friction * std::cos(angle));
-        run_scene(slope(0.6, friction), 0.5, {}, [&](const Frame& f) {
+        run(slope(0.6, friction), 0.5, {}, [&](const Frame& f) {
             const double t = seconds_of(f);
             EXPECT_NEAR(f.world().poses.origin[1].x() / (0.5 * exact * t * t), 1, 0.01) << "friction " << friction;
             EXPECT_NEAR(velocity_of(f.world(), 1).x() / (exact * t), 1, 0.01) << "friction " << friction;
@@ -252,7 +252,7 @@ TEST(FreeBodies, StackOfTenBoxesSettles) {
     double fastest = 0, residual = 0;
     std::vector<Vec3d> resting;
     double trembling = 0;
-    run_scene(
+    run(
         scene, 3,
         [&](const Frame& f) {
             const World& w = f.world();
@@ -297,7 +297,7 @@ TEST(FreeBodies, ColumnsSideBySideStandStill) {
         for (uint32_t b = 1; b <= 2 * kHigh && seconds_of(f) > 1; ++b)
             fastest = std::max(fastest, velocity_of(w, b).norm() + w.poses.angular_velocity[b].norm() * kEdge);
     };
-    run_scene(scene, 2, look, [&](const Frame& f) {
+    run(scene, 2, look, [&](const Frame& f) {
         for (int i = 0; i < 2 * kHigh; ++i) {
             const Vec3d at = f.world().poses.origin[static_cast<size_t>(i + 1)], from = position_at(i / kHigh, i % kHigh);
             const double height = (i % kHigh + 0.5) * kEdge;
@@ -316,7 +316,7 @@ TEST(FreeBodies, P08_BoxTurnedOnABoxStandsOnItsEdges) {
     scene.bodies = {body("lower", "box", Motion::kStatic, 0.04, {0, 0, -0.02}), body("upper", "box", Motion::kFree, 0.04, {0, 0, 0.0205})};
     scene.bodies[1].orientation = from_rotation_vector({0, 0, std::numbers::pi / 4});
     scene.bodies[1].tissue.friction = 0.5;
-    run_scene(scene, 1, {}, [](const Frame& f) {
+    run(scene, 1, {}, [](const Frame& f) {
         EXPECT_LT((f.world().poses.origin[1] - Vec3d(0, 0, 0.02)).norm(), 1e-4) << f.world().poses.origin[1].transpose();
         EXPECT_LT(velocity_of(f.world(), 1).norm(), 1e-3);
     });
@@ -329,7 +329,7 @@ TEST(FreeBodies, SweepsBeyondTheSolutionChangeNothing) {
     scene.bodies = {body("floor", "box", Motion::kStatic, 0.4, {0, 0, -0.2}), body("box", "box", Motion::kFree, 0.09, {0, 0, 0.06})};
     for (BodySpec& b : scene.bodies) b.tissue.friction = 0.4;
     scene.settings.contact.iterations = 12;
-    run_scene(scene, 1.0, {}, [](const Frame& f) {
+    run(scene, 1.0, {}, [](const Frame& f) {
         const World& w = f.world();
         EXPECT_EQ(w.report.nonfinite_particles, 0u);
         EXPECT_NEAR(centre_of(w, 1).z(), 0.045, 1e-4);
@@ -354,7 +354,7 @@ TEST(FreeBodies, BallOnASoftBodyKeepsMomentum) {
     const Totals before = totals_of(start);
     const double scale = before.linear.norm();
     double lost = 0;
-    run_scene(
+    run(
         scene, 1,
         [&](const Frame& f) {
             const Totals now = totals_of(f.world());
@@ -421,7 +421,7 @@ TEST(HardCases, M18_RigidBallSqueezedBetweenJaws) {
     scene.bodies.push_back(body("ball", "sphere", Motion::kFree, 0.04, {0.001, 0.002, 0.0}, 1280));
     scene.bodies[2].tissue.friction = 0.5;
     double at_close = 0, later = 0;
-    run_scene(
+    run(
         scene, 1.5,
         [&](const Frame& f) {
             const double t = seconds_of(f);
@@ -446,7 +446,7 @@ TEST(HardCases, P19_FastBallAgainstATable) {
             scene.bodies[1].velocity = {0.3, 0, -speed};
             scene.bodies[1].tissue.restitution = 0.5;
             double lowest = 1;
-            run_scene(
+            run(
                 scene, 0.2, [&](const Frame& f) { lowest = std::min(lowest, centre_of(f.world(), 1).z()); },
                 [&](const Frame& f) { EXPECT_NEAR(velocity_of(f.world(), 1).z() / speed, 0.5, 0.01) << speed << " " << phase; });
             EXPECT_GT(lowest, 0.005 - 3e-4) << speed << " m/s, " << phase;
@@ -467,7 +467,7 @@ TEST(HardCases, P19_ABladeSlapsDownOnATable) {
         scene.bodies[1].spin = {0, 4, 2};
         scene.bodies[1].tissue.density = 7800;
         scene.bodies[1].tissue.friction = 0.3;
-        run_scene(scene, 0.5, [&](const Frame& f) {
+        run(scene, 0.5, [&](const Frame& f) {
             const World& w = f.world();
             const MeshView mesh = mesh_view(w.meshes, w.bodies.mesh[1]);
             for (const Vec3d& p : mesh.position) lowest = std::min(lowest, (w.poses.origin[1] + rotate(w.poses.orientation[1], p)).z());
@@ -495,7 +495,7 @@ TEST(HardCases, P19_FastHandAgainstATable) {
         tool.path = {above, start, through};
         scene.tools = {tool};
         double lowest = 1;
-        run_scene(scene, 0.5, [&](const Frame& f) { lowest = std::min(lowest, f.world().poses.origin[1].z()); });
+        run(scene, 0.5, [&](const Frame& f) { lowest = std::min(lowest, f.world().poses.origin[1].z()); });
         EXPECT_GT(lowest, -0.01) << "its tip's middle passed the middle of the table, phase " << phase;
         EXPECT_LT(lowest, 0.0075) << "it never came near";
     }

@@ -67,7 +67,7 @@ std::string tool_text(const std::string& body, double radius, int dof, const Vec
                    body, "\"\ndof = ", dof, "\ntip_radius = ", radius,
                    "\nstiffness = 500\ndamping = 5\nmax_force = 20\nfriction = 0.1\npath = [", path, "]\n");
 }
-std::string press_key(double time, const Vec3d& at) {
+std::string key(double time, const Vec3d& at) {
     return text_of("{time = ", time, ", position = [", at.x(), ", ", at.y(), ", ", at.z(), "]}");
 }
 std::string scene_text(double seconds, int rate) {
@@ -76,13 +76,13 @@ std::string scene_text(double seconds, int rate) {
 
 // ---- presses ----
 
-struct RandomPress {
+struct Press {
     std::string text;
     double seconds = 0;
     std::string about;
 };
 
-RandomPress any_press(uint32_t seed, bool large, uint32_t tip_triangles) {
+Press any_press(uint32_t seed, bool large, uint32_t tip_triangles) {
     AnyNumber any{std::mt19937(seed)};
     const bool solid = any.between(0, 1) < 0.4;
     const std::string shape = any.one_of(std::array{"liver", "stomach", "sphere", "kidney"});
@@ -105,7 +105,7 @@ RandomPress any_press(uint32_t seed, bool large, uint32_t tip_triangles) {
     }
     const Vec3d above = place + Vec3d(0, 0, tip + 0.01), below = place + Vec3d(0, 0, tip - depth);
     const double arrival = (above - below).norm() / speed;
-    RandomPress press;
+    Press press;
     press.seconds = arrival + hold;
     press.about = text_of("seed ", seed, ": tip ", 1e3 * tip, " mm, ", solid ? "solid " : "shell ", shape, " of ", triangles,
                           " triangles, ", rate, " Hz, ", speed, " m/s, ", modulus, " Pa");
@@ -115,7 +115,7 @@ RandomPress any_press(uint32_t seed, bool large, uint32_t tip_triangles) {
                 "\nmotion = \"deformable\"\nfixed_below = ", low + 0.3 * (high - low), solid ? "\nmodel = \"solid\"" : "",
                 "\n[body.tissue]\nyoungs_modulus = ", modulus, "\ndensity = 1060\ndamping = 60\n",
                 solid ? "" : "wall = 8e-3\ndepth = 0.05\n") +
-        tool_text("needle", tip, 3, above, press_key(0, above) + ", " + press_key(arrival, below) + ", " + press_key(press.seconds, below), tip_triangles);
+        tool_text("needle", tip, 3, above, key(0, above) + ", " + key(arrival, below) + ", " + key(press.seconds, below), tip_triangles);
     return press;
 }
 
@@ -127,7 +127,7 @@ struct PressErrors {
 PressErrors press_at_random(uint32_t first, uint32_t count, bool large, uint32_t tip_triangles) {
     PressErrors errors;
     for (uint32_t seed = first; seed < first + count; ++seed) {
-        const RandomPress press = any_press(seed, large, tip_triangles);
+        const Press press = any_press(seed, large, tip_triangles);
         const auto passes = forces_in("press", press.text, press.seconds);
         double felt = 0, tissue = 0;
         const size_t last = std::max<size_t>(1, passes.size() / 10);
@@ -180,8 +180,8 @@ TEST(RandomPresses, AScriptedBodyThatPassesAToolIsFelt) {
             const std::string text =
                 scene_text(0.6, any.one_of(std::array{60, 120, 240})) +
                 text_of("[[body]]\nname = \"wall\"\nshape = \"box\"\nsize = ", size, "\ntriangles = 1200\nmotion = \"kinematic\"\npath = [",
-                        press_key(0, {x0, 0, 0}), ", ", press_key(start, {x0, 0, 0}), ", ", press_key(start + way / speed, {x1, 0, 0}), "]\n") +
-                tool_text("tip", radius, dof, {0, 0.001, 0.002}, press_key(0, {0, 0.001, 0.002}) + ", " + press_key(1, {0, 0.001, 0.002}));
+                        key(0, {x0, 0, 0}), ", ", key(start, {x0, 0, 0}), ", ", key(start + way / speed, {x1, 0, 0}), "]\n") +
+                tool_text("tip", radius, dof, {0, 0.001, 0.002}, key(0, {0, 0.001, 0.002}) + ", " + key(1, {0, 0.001, 0.002}));
             const auto passes = forces_in("pass", text, 0.6);
             const double wanted = 500 * (depth + radius), felt = passes.back()[0].felt.norm();
             EXPECT_NEAR(felt / wanted, 1, 0.02) << dof << " degrees of freedom, seed " << seed << ": tip " << 1e3 * radius << " mm, "
@@ -201,7 +201,7 @@ TEST(RandomPresses, FirstTouchDoesNotClick) {
                 return scene_text(end, hz) +
                        "[[body]]\nname = \"liver\"\nshape = \"liver\"\ntriangles = 10000\nmotion = \"deformable\"\nfixed_below = -0.03\n"
                        "[body.tissue]\nyoungs_modulus = 5000\ndensity = 1060\nwall = 8e-3\ndepth = 0.05\ndamping = 60\nfriction = 0.1\n" +
-                       tool_text("ball", 7e-3, dof, {0, 0, 0.1}, press_key(0, {0, 0, 0.1}) + ", " + press_key(1.2, {0, 0, 0.02}));
+                       tool_text("ball", 7e-3, dof, {0, 0, 0.1}, key(0, {0, 0, 0.1}) + ", " + key(1.2, {0, 0, 0.02}));
             };
             const auto right = forces_in("touch", text(240, 0.8), 0.8), felt = forces_in("touch", text(rate, 0.8), 0.8);
             size_t touched = 0;
@@ -281,7 +281,7 @@ void squeeze_at_random(uint32_t first, uint32_t count, uint32_t may_slip) {
                                    modulus, "\ndamping = 30\nfriction = 0.3\n");
         for (const double side : {1.0, -1.0}) {
             const Vec3d far(x, y, side * (radius + 8e-3)), near(x, y, side * (radius + 0.5 * thickness - squeeze));
-            text += tool_text(side > 0 ? "up" : "down", radius, 3, far, press_key(0, far) + ", " + press_key(0.2, near) + ", " + press_key(1.5, near));
+            text += tool_text(side > 0 ? "up" : "down", radius, 3, far, key(0, far) + ", " + key(0.2, near) + ", " + key(1.5, near));
         }
         const auto passes = forces_in("sheet", text, 1.2);
         const ToolForces up = passes.back()[0], down = passes.back()[1];

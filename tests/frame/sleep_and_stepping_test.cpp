@@ -74,7 +74,7 @@ time = 3.0
 position = [0.0, 0.0, 0.055]
 )";
 
-SceneFile scene_from(const std::string& text, const std::vector<Override>& overrides = {}) {
+SceneFile scene_of(const std::string& text, const std::vector<Override>& overrides = {}) {
     const std::string path = testing::TempDir() + "/sleep_and_stepping.toml";
     std::ofstream(path) << text;
     return read_scene_file(path, overrides);
@@ -99,7 +99,7 @@ bool same(const std::vector<Float4>& a, const std::vector<Float4>& b) {
 TEST(Sleep, LiesStillUntilSomethingComesNear) {
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene_from(kBoxes), Looks::kPlain).world), {});
+        Frame frame(std::move(build_scene(scene_of(kBoxes), Looks::kPlain).world), {});
         const World& w = frame.world();
         const uint32_t low = body_named(w, "low"), beside = body_named(w, "beside"), held = body_named(w, "held");
         uint64_t slept_at = 0, woke_at = 0;
@@ -143,7 +143,7 @@ TEST(Sleep, LiesStillUntilSomethingComesNear) {
 TEST(Sleep, FreeBodiesSleepAndWakeWithTheirNeighbours) {
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene_from(kBoxes, {{"beside.motion", "free"}, {"sleep_speed", "1e-3"}}), Looks::kPlain).world),
+        Frame frame(std::move(build_scene(scene_of(kBoxes, {{"beside.motion", "free"}, {"sleep_speed", "1e-3"}}), Looks::kPlain).world),
                     {});
         World& w = frame.world();
         const uint32_t low = body_named(w, "low"), beside = body_named(w, "beside");
@@ -173,7 +173,7 @@ TEST(Sleep, FreeBodiesSleepAndWakeWithTheirNeighbours) {
         EXPECT_LT(worst, 0.02 * fallen);
     });
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene_from(kBoxes, {{"beside.motion", "free"},
+        Frame frame(std::move(build_scene(scene_of(kBoxes, {{"beside.motion", "free"},
                                                             {"beside.position", "[0.2, 0.0, 0.026]"},
                                                             {"beside.tissue.damping", "0"},
                                                             {"sleep_speed", "1e-3"}}),
@@ -197,7 +197,7 @@ TEST(Sleep, SameBitsForAnyThreads) {
     for (int i = 0; i < 2; ++i) {
         ThreadPool pool(i == 0 ? 1 : 3);
         pool.run([&] {
-            Frame frame(std::move(build_scene(scene_from(kBoxes), Looks::kPlain).world), {});
+            Frame frame(std::move(build_scene(scene_of(kBoxes), Looks::kPlain).world), {});
             for (int pass = 0; pass < 60 * 3; ++pass) frame.step();
             hash[i] = state_hash(frame.world());
         });
@@ -226,7 +226,7 @@ void expect_same_with_and_without_looking(const std::function<BuiltScene()>& bui
 TEST(Sleep, WhoLiesStillLooksTheSame) {
     ThreadPool pool(1);
     pool.run([&] {
-        expect_same_with_and_without_looking([] { return build_scene(scene_from(kBoxes), Looks::kPlain); }, 60 * 4);
+        expect_same_with_and_without_looking([] { return build_scene(scene_of(kBoxes), Looks::kPlain); }, 60 * 4);
         const std::vector<Override> few{{"count", "6"},       {"rate", "25"},         {"life", "1.5"},
                                         {"resolution", "80"}, {"sleep_speed", "0.5"}, {"sleep_after", "0.1"}};
         const auto stress = source_folder() / "content/scenes/stress_come_and_go.toml";
@@ -237,7 +237,7 @@ TEST(Sleep, WhoLiesStillLooksTheSame) {
 TEST(Sleep, NobodyLooksTwiceAtWhoLiesStill) {
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene_from(kBoxes), Looks::kPlain).world), {});
+        Frame frame(std::move(build_scene(scene_of(kBoxes), Looks::kPlain).world), {});
         World& w = frame.world();
         const uint32_t held = body_named(w, "held");
         int passes = 0;
@@ -259,7 +259,7 @@ TEST(Sleep, NobodyLooksTwiceAtWhoLiesStill) {
 TEST(Sleep, ZeroSpeedMeansNever) {
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene_from(kBoxes, {{"sleep_speed", "0"}}), Looks::kPlain).world), {});
+        Frame frame(std::move(build_scene(scene_of(kBoxes, {{"sleep_speed", "0"}}), Looks::kPlain).world), {});
         for (const std::string& name : frame.stage_names()) EXPECT_NE(name, "sleep");
         for (int pass = 0; pass < 60; ++pass) frame.step();
         EXPECT_TRUE(frame.world().sleep.group.empty());
@@ -269,7 +269,7 @@ TEST(Sleep, ZeroSpeedMeansNever) {
 // Keys of the scene and of --set take effect; invalid ones are rejected with line and name.
 TEST(SteppingKeys, FromSceneAndCommandLine) {
     const BuiltScene built = build_scene(
-        scene_from(kBoxes,
+        scene_of(kBoxes,
                  {{"low.integrator", "implicit"}, {"low.step", "4e-3"}, {"beside.integrator", "implicit"}, {"beside.iterations", "3"}}),
         Looks::kPlain);
     const World& w = built.world;
@@ -311,13 +311,13 @@ TEST(SteppingKeys, ScenesByEveryIntegrator) {
 TEST(SteppingKeys, M09_ImpossibleStepsAreRefused) {
     const auto refused = [](const char* key, const char* value) -> std::string {
         try {
-            build_scene(scene_from(kBoxes, {{key, value}}), Looks::kPlain);
+            build_scene(scene_of(kBoxes, {{key, value}}), Looks::kPlain);
         } catch (const InputError& error) {
             return error.what();
         }
         return "";
     };
-    const double limit = build_scene(scene_from(kBoxes), Looks::kPlain).world.bodies.stable_dt[1];
+    const double limit = build_scene(scene_of(kBoxes), Looks::kPlain).world.bodies.stable_dt[1];
     const std::string above = refused("low.step", "0.05");
     char text[32];
     std::snprintf(text, sizeof text, "%.4g s", limit);
@@ -333,12 +333,12 @@ TEST(SteppingKeys, M09_ImpossibleStepsAreRefused) {
 // auto is leapfrog, however stiff and held; a solid asked to be implicit is refused by name.
 TEST(SteppingKeys, AutoIsLeapfrogAndNoSolidIsImplicit) {
     const std::string stiff = "held.tissue.youngs_modulus";
-    const BuiltScene by_auto = build_scene(scene_from(kBoxes, {{"held.integrator", "auto"}, {stiff, "1e9"}}), Looks::kPlain);
+    const BuiltScene by_auto = build_scene(scene_of(kBoxes, {{"held.integrator", "auto"}, {stiff, "1e9"}}), Looks::kPlain);
     EXPECT_EQ(stepping_of(by_auto.world.bodies, body_named(by_auto.world, "held")).integrator, Integrator::kLeapfrog);
     EXPECT_TRUE(by_auto.warnings.empty());
-    EXPECT_TRUE(build_scene(scene_from(kBoxes, {{"held.integrator", "implicit"}, {stiff, "1e9"}}), Looks::kPlain).warnings.empty());
+    EXPECT_TRUE(build_scene(scene_of(kBoxes, {{"held.integrator", "implicit"}, {stiff, "1e9"}}), Looks::kPlain).warnings.empty());
     try {
-        build_scene(scene_from(kBoxes, {{"held.integrator", "implicit"}, {"held.model", "solid"}}), Looks::kPlain);
+        build_scene(scene_of(kBoxes, {{"held.integrator", "implicit"}, {"held.model", "solid"}}), Looks::kPlain);
         ADD_FAILURE();
     } catch (const InputError& error) {
         EXPECT_NE(std::string(error.what()).find("is for shells and sheets"), std::string::npos) << error.what();
@@ -353,7 +353,7 @@ TEST(Stepping, ImplicitBearsPressureAndBending) {
         double start = 0, most = -1e9, deformation = 0, sag = 0;  // J, J, J, m
     };
     const auto swing = [](const std::string& integrator, double damping) {
-        const SceneFile scene = scene_from(
+        const SceneFile scene = scene_of(
             "sleep_speed = 0.0\n[[body]]\nname = \"a\"\nshape = \"sphere\"\ntriangles = 320\nsize = 0.1\n"
             "motion = \"deformable\"\nanchor = \"world\"\nfixed_below = -0.03\nintegrator = \"" +
             integrator + "\"\n[body.tissue]\nyoungs_modulus = 2e4\nwall = 3e-3\ndepth = 0.05\n" +
@@ -401,7 +401,7 @@ TEST(Stepping, ImplicitBearsPressureUnderContact) {
         "damping = 0.0\n";
     ThreadPool pool(1);
     pool.run([&] {
-        Frame frame(std::move(build_scene(scene_from(text), Looks::kPlain).world), {});
+        Frame frame(std::move(build_scene(scene_of(text), Looks::kPlain).world), {});
         const Energy& e = frame.world().energy;
         double first = 0, most = 0;
         for (int pass = 0; pass < 120; ++pass) {

@@ -147,7 +147,7 @@ void expect_as_left(const World& w, uint32_t body, const std::string& when) {
     EXPECT_EQ(find_fault(w), "") << when;
 }
 
-std::string particle_bytes(const World& w, uint32_t body) {
+std::string bytes_of(const World& w, uint32_t body) {
     const Range p = w.bodies.particles[body];
     std::string out(reinterpret_cast<const char*>(&w.particles.offset[p.first]), p.count * sizeof(Float4));
     for (const auto* field : {&w.particles.velocity_x, &w.particles.velocity_y, &w.particles.velocity_z})
@@ -173,7 +173,7 @@ TEST(SolidTears, ANotchIsWhatIsLeft) {
         one.run([&] {
             Frame frame(std::move(build(std::string(kBalls) + kNever).world), {});
             for (int i = 0; i < 60; ++i) frame.step();
-            other = particle_bytes(frame.world(), 1);
+            other = bytes_of(frame.world(), 1);
             expect_as_left(frame.world(), 0, "untouched");
             EXPECT_EQ(frame.world().meshes.info[0].admission, Admission::kSolid);
         });
@@ -195,10 +195,10 @@ TEST(SolidTears, ANotchIsWhatIsLeft) {
             EXPECT_GT(w.report.removed_tetrahedra, 30u);
             EXPECT_GT(w.report.broken_springs, 30u);
             EXPECT_GT(w.report.contact_events, 3u);
-            EXPECT_EQ(particle_bytes(w, 1), other);
+            EXPECT_EQ(bytes_of(w, 1), other);
             EXPECT_GT(w.picture.exposed.size(), 10u);
             EXPECT_EQ(w.picture.exposed.size() + w.tears.body[0].outer - w.picture.removed.size(), w.meshes.info[0].triangles.count);
-            torn[threads == 3] = particle_bytes(w, 0);
+            torn[threads == 3] = bytes_of(w, 0);
         });
     }
     EXPECT_EQ(torn[0], torn[1]);
@@ -213,7 +213,7 @@ TEST(SolidTears, ACutOfTheSecondLeavesTheFirstAsItIs) {
             Frame whole(std::move(build(kBalls).world), {}), torn(std::move(build(std::string(kBalls) + cut).world), {});
             for (int i = 0; i < 40; ++i) whole.step(), torn.step();
             EXPECT_GT(torn.world().report.removed_tetrahedra, 10u);
-            EXPECT_EQ(particle_bytes(whole.world(), 0), particle_bytes(torn.world(), 0));
+            EXPECT_EQ(bytes_of(whole.world(), 0), bytes_of(torn.world(), 0));
             BodyEnergyScratch scratch;
             const auto elastic = [&](World& w) {
                 Energy e;

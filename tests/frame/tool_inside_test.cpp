@@ -45,7 +45,7 @@ path = [{time = 0, position = [%.9f, %.9f, %.9f]}]
     return text;
 }
 
-struct StayInside {
+struct Stay {
     double first_out = -1;                    // s, when the tool was outside
     double steepest = 0;                      // N, largest change of the force in a pass while it was pushed
     double fastest = 0;                       // m, largest step of the tool in a pass while it was pushed
@@ -55,8 +55,8 @@ struct StayInside {
     uint64_t found = 0;
 };
 
-StayInside stay_inside(const std::string& name, const std::string& text, double seconds) {
-    StayInside stay;
+Stay stay_inside(const std::string& name, const std::string& text, double seconds) {
+    Stay stay;
     const WrittenScene scene(name, text);
     Vec3d before = Vec3d::Zero();
     double force_before = 0;
@@ -91,7 +91,7 @@ TEST(ToolInside, IsPushedOutGentlyThenTouches) {
         const int dof = i % 2 == 0 ? 3 : 6;
         const bool sphere = i % 3 != 0, solid = i % 4 >= 2;
         const Vec3d at(0.015 * any(random), 0.01 * any(random), 0.012 * any(random));
-        const StayInside stay = stay_inside("inside" + std::to_string(i),
+        const Stay stay = stay_inside("inside" + std::to_string(i),
                                       organ_and_tool("liver", sphere ? "sphere" : "box", dof, at, 0.012 + 0.004 * any(random), solid), 2.0);
         SCOPED_TRACE(std::to_string(i) + (dof == 3 ? ", 3" : ", 6") + (sphere ? " sphere" : " box") +
                      (solid ? " in a solid" : " in a shell"));

@@ -153,7 +153,7 @@ TEST(WorldsByHand, OnlyBodiesThatAreThereAreThere) {
     EXPECT_FALSE(is_there(w.bodies, w.spawning, {1, 1}));
 }
 
-void run_passes(Frame& frame, uint32_t passes) {
+void run(Frame& frame, uint32_t passes) {
     for (uint32_t i = 0; i < passes; ++i) frame.step();
 }
 
@@ -187,7 +187,7 @@ TEST(WorldsByHand, BodiesMayComeWhileAFrameRuns) {
         const uint32_t body = add_ball(start, motion);
         add_ball(both, motion);
         Frame late(table_and_ball(), {}), there(std::move(both), {});
-        run_passes(late, kBefore), run_passes(there, kBefore);
+        run(late, kBefore), run(there, kBefore);
         add_ball(late.world(), motion);
         put_back(start, body, there.world());
         EXPECT_EQ(find_fault(late.world()), "");
@@ -209,7 +209,7 @@ TEST(WorldsByHand, TheFirstMoverMayComeWhileAFrameRuns) {
         World there = table_and_ball(false);
         add_ball(there, motion);
         Frame frame(table_and_ball(false), {});
-        run_passes(frame, 2);
+        run(frame, 2);
         const uint32_t body = add_ball(frame.world(), motion);
         size_t contacts = 0;
         for (uint32_t pass = 0; pass < 60; ++pass) {
@@ -271,7 +271,7 @@ TEST(WorldsByHand, AFrameGivesTheFloatModeBack) {
         _mm_setcsr(mode);
         const auto work = [&] {
             Frame frame(std::move(w), {});
-            run_passes(frame, 20);
+            run(frame, 20);
             frame.snapshot_now();
             hash = state_hash(frame.world());
         };

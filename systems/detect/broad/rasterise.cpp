@@ -142,7 +142,7 @@ void screen_body(const ContactInputs& in, const Vec3d& origin, uint32_t index, R
         if (!is_finite(p) || !is_finite(q) || !is_finite(r)) continue;
         const __m256d low = _mm256_min_pd(_mm256_min_pd(p, q), r), high = _mm256_max_pd(_mm256_max_pd(p, q), r);
         const PackedBox box = pack_box(_mm256_sub_pd(low, grow), _mm256_add_pd(high, grow));
-        const __m256 face = facing_region(load_box(box));
+        const __m256 face = facing(load_box(box));
         bool met = false;
         for (uint32_t i = first; i < end && !met; ++i) met = meets(face, load_box(scratch.packed_region[i]));
         if (!met) continue;

@@ -7,7 +7,7 @@
 namespace trocar::test {
 namespace {
 
-constexpr double kPassPeriod = 1.0 / 60, kGap = 0.01;  // s, m
+constexpr double kPeriod = 1.0 / 60, kGap = 0.01;  // s, m
 
 // A line of free balls, each kGap from the next, with a constraint between neighbours.
 struct Chain {
@@ -35,7 +35,7 @@ struct Chain {
                 constraints.impulse.push_back(Vec3d::Zero());
         }
         const Surfaces surfaces = scene.surfaces();
-        cull_constraints({kPassPeriod, Vec3d(0, 0, -9.81), surfaces, {}, {}, joined, drive}, scratch, constraints);
+        cull_constraints({kPeriod, Vec3d(0, 0, -9.81), surfaces, {}, {}, joined, drive}, scratch, constraints);
         return constraints.contact;
     }
 };

@@ -253,7 +253,7 @@ TEST(Render, LeavesOutTrianglesOfNonFiniteVertices) {
     EXPECT_EQ(picture().rgba, whole.rgba);
 }
 
-PictureScene busy_picture() {
+PictureScene busy_scene() {
     PictureScene scene;
     Mesh sphere = reference::make_sphere({0, 0, 0}, 0.08, 4);
     sphere.material.resize(1);
@@ -286,7 +286,7 @@ PictureParams everything() {
 }
 
 uint64_t picture_hash() {
-    PictureScene scene = busy_picture();
+    PictureScene scene = busy_scene();
     Camera camera;
     fit_camera(scene.snapshot(), 320, 240, camera);
     uint64_t hash = 14695981039346656037ull;
@@ -296,7 +296,7 @@ uint64_t picture_hash() {
 
 // fails when a picture depends on what the renderer drew earlier: sizes, options, cameras, damaged vertices
 TEST(Render, GivesTheSameBytesAgain) {
-    PictureScene scene = busy_picture();
+    PictureScene scene = busy_scene();
     GlRenderer renderer(scene.meshes);
     RenderScratch scratch;
     Camera orbit, scope;
@@ -315,7 +315,7 @@ TEST(Render, GivesTheSameBytesAgain) {
     EXPECT_NE(picture(large, scope), first);
     EXPECT_NE(picture(everything(), scope), first);
     EXPECT_EQ(picture(everything(), orbit), first);
-    PictureScene again = busy_picture();
+    PictureScene again = busy_scene();
     EXPECT_EQ(draw(again, everything(), orbit).rgba, first);
 }
 
@@ -742,7 +742,7 @@ TEST(Render, LaysTheFloorUnderEverything) {
 }
 
 TEST(Render, WritesTextAndLegendOnlyWhenAsked) {
-    PictureScene scene = busy_picture();
+    PictureScene scene = busy_scene();
     PictureParams params = bare();
     const Camera camera = from_above(2);
     const Image plain = draw(scene, params, camera);

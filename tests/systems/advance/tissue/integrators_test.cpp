@@ -15,7 +15,7 @@ void choose(AdvanceScene& s, Integrator integrator, uint32_t iterations, double 
     s.bodies.stepping.assign(s.bodies.mesh.size(), {integrator, iterations, tolerance, step});
 }
 
-bool same_particles(const AdvanceScene& a, const AdvanceScene& b) {
+bool same_state(const AdvanceScene& a, const AdvanceScene& b) {
     return 0 == std::memcmp(a.particles.offset.data(), b.particles.offset.data(), a.particles.offset.size() * sizeof(Float4)) &&
            a.particles.velocity_x == b.particles.velocity_x && a.particles.velocity_y == b.particles.velocity_y &&
            a.particles.velocity_z == b.particles.velocity_z;
@@ -261,8 +261,8 @@ std::unique_ptr<AdvanceScene> mixed_scene(uint32_t threads, bool avx2) {
 }
 TEST(Integrators, ThreadsAndInstructionSetsGiveTheSameBits) {
     const auto one = mixed_scene(1, false), three = mixed_scene(3, false), narrow = mixed_scene(2, true);
-    EXPECT_TRUE(same_particles(*one, *three));
-    EXPECT_TRUE(same_particles(*one, *narrow));
+    EXPECT_TRUE(same_state(*one, *three));
+    EXPECT_TRUE(same_state(*one, *narrow));
     EXPECT_EQ(one->energy.work_numeric, three->energy.work_numeric);
     EXPECT_EQ(one->energy.work_numeric, narrow->energy.work_numeric);
     EXPECT_EQ(one->report.implicit_iterations, narrow->report.implicit_iterations);

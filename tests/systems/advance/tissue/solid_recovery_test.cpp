@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kEdge = 0.01;  // m, of a lattice cube
 
-struct RecoveryBlock {
+struct Block {
     AdvanceScene scene;
     uint32_t body = 0;
     std::vector<Vec3d> rest;
@@ -21,7 +21,7 @@ struct RecoveryBlock {
 
 // A block of lattice cubes, its face z = 0 held, or free. Damping per explicit step, so that every stiffness
 // takes the same steps.
-void make_block(RecoveryBlock& b, double youngs_modulus, double nu, bool held, TissueLaw law = TissueLaw::kSprings) {
+void make_block(Block& b, double youngs_modulus, double nu, bool held, TissueLaw law = TissueLaw::kSprings) {
     TetMesh tets;
     reference::lattice_box(2, 2, 3, kEdge, 0, tets.position, tets.tetrahedron);
     const Prototype made = add_tet_mesh(b.scene.meshes, b.scene.springs, b.scene.solids, tets, {});
@@ -45,17 +45,17 @@ enum class Fold { kShaken, kVice, kFlat, kMirrored, kPushed, kLoaded };
 constexpr Fold kFolds[] = {Fold::kShaken, Fold::kVice, Fold::kFlat, Fold::kMirrored, Fold::kPushed, Fold::kLoaded};
 
 // Time in which a wave of shear crosses an edge, s.
-double crossing_time(const RecoveryBlock& b) {
+double crossing_time(const Block& b) {
     const Tissue& tissue = b.scene.bodies.tissue[b.body];
     return kEdge / std::sqrt(tissue.youngs_modulus / tissue.density);
 }
 
-void advance(RecoveryBlock& b, double crossings) {
+void advance(Block& b, double crossings) {
     const uint32_t ticks = static_cast<uint32_t>(std::ceil(crossings * crossing_time(b) * 1e3));
     b.scene.advance(ticks, substeps_for(1e-3 * ticks, b.scene.bodies.stable_dt[b.body], 1));
 }
 
-void fold(RecoveryBlock& b, Fold how, uint32_t seed) {
+void fold(Block& b, Fold how, uint32_t seed) {
     std::mt19937 random(seed);
     std::uniform_real_distribution<double> unit(-1, 1);
     const uint32_t first = b.scene.range(b.body).first;
@@ -83,13 +83,13 @@ void fold(RecoveryBlock& b, Fold how, uint32_t seed) {
     b.scene.params.gravity.setZero();
 }
 
-double least_ratio(const RecoveryBlock& b) {
+double least_ratio(const Block& b) {
     const std::vector<double> ratio = volume_ratios(b.scene.solids, b.scene.bodies, b.scene.particles, b.body);
     return *std::min_element(ratio.begin(), ratio.end());
 }
 
 // Lets go: back at rest, no tetrahedron lost, and none restored.
-void expect_recovery(RecoveryBlock& b, bool held, const std::string& what) {
+void expect_recovery(Block& b, bool held, const std::string& what) {
     const double start = least_ratio(b);
     advance(b, 300);
     double worst = 0;
@@ -106,7 +106,7 @@ TEST(SolidRecovery, FromEveryFold) {
             for (const bool held : {true, false}) {
                 for (const Fold how : kFolds) {
                     if (how == (held ? Fold::kMirrored : Fold::kLoaded)) continue;
-                    RecoveryBlock b;
+                    Block b;
                     make_block(b, e, nu, held);
                     fold(b, how, 1);
                     expect_recovery(
@@ -125,7 +125,7 @@ TEST(SolidRecovery, OfTheNeoHookeanLaw) {
             for (const Fold how : {Fold::kShaken, Fold::kVice, Fold::kFlat, Fold::kMirrored, Fold::kPushed}) {
                 if (held && how == Fold::kMirrored) continue;
                 for (const uint32_t seed : {1u, 2u, 3u}) {
-                    RecoveryBlock b;
+                    Block b;
                     make_block(b, 1e4, nu, held, TissueLaw::kNeoHookean);
                     fold(b, how, seed);
                     expect_recovery(
@@ -140,11 +140,11 @@ TEST(SolidRecovery, OfTheNeoHookeanLaw) {
 // Each tetrahedron in turn: one corner pushed through the others.
 TEST(SolidRecovery, OfEveryTetrahedronTurnedInsideOut) {
     for (const double nu : {0.25, 0.3, 0.4, 0.499}) {
-        RecoveryBlock start;
+        Block start;
         make_block(start, 1e4, nu, true);
         const SolidInfo& info = start.scene.solids.info[start.scene.bodies.mesh[start.body]];
         for (uint32_t t = 0; t < info.count; ++t) {
-            RecoveryBlock b;
+            Block b;
             make_block(b, 1e4, nu, true);
             std::array<uint32_t, 4> corner;
             for (int k = 0; k < 4; ++k) corner[k] = b.scene.solids.corner[k][info.tetrahedra.first + t];

@@ -22,7 +22,7 @@ using reference::SolidModel;
 using namespace reference::cases;
 
 // A box of nx x ny x nz lattice cubes of edge h in a scene; corner at the origin.
-uint32_t add_solid_box(AdvanceScene& scene, int nx, int ny, int nz, double h, const Tissue& tissue, AnchorFrame frame = AnchorFrame::kWorld) {
+uint32_t add_box(AdvanceScene& scene, int nx, int ny, int nz, double h, const Tissue& tissue, AnchorFrame frame = AnchorFrame::kWorld) {
     TetMesh tets;
     reference::lattice_box(nx, ny, nz, h, 0, tets.position, tets.tetrahedron);
     const Prototype made = add_tet_mesh(scene.meshes, scene.springs, scene.solids, tets, {});
@@ -40,7 +40,7 @@ Tissue solid_tissue(double nu, double damping = 0) {
 }
 
 // The body's nodes and tetrahedra for the double model, at their present positions.
-DoubleSolid double_copy(const AdvanceScene& scene, uint32_t body) {
+DoubleSolid double_solid(const AdvanceScene& scene, uint32_t body) {
     const uint32_t prototype = scene.bodies.mesh[body];
     const SolidInfo& info = scene.solids.info[prototype];
     const MeshView surface = mesh_view(scene.meshes, prototype);
@@ -64,7 +64,7 @@ DoubleSolid double_copy(const AdvanceScene& scene, uint32_t body) {
 
 template <typename Where>
 void fix(AdvanceScene& scene, uint32_t body, Where&& where) {
-    const DoubleSolid s = double_copy(scene, body);
+    const DoubleSolid s = double_solid(scene, body);
     for (uint32_t v = 0; v < s.rest.size(); ++v) {
         if (where(s.rest[v])) scene.particles.offset[scene.range(body).first + v].w = 0;
     }
@@ -177,11 +177,11 @@ TEST(SolidModel, LongHertzIndentation) {
 // Hung by its upper face until at rest: the positions of Newton's method in double.
 TEST(Solid, ComesToRestWhereTheDoubleModelDoes) {
     AdvanceScene scene;
-    const uint32_t body = add_solid_box(scene, 2, 2, 4, 0.01, solid_tissue(0.45, 60));
+    const uint32_t body = add_box(scene, 2, 2, 4, 0.01, solid_tissue(0.45, 60));
     fix(scene, body, [](const Vec3d& r) { return r.z() > 0.04 - 1e-9; });
     const uint32_t substeps = substeps_for(0.02, scene.bodies.stable_dt[body], 1e-3);
     for (int i = 0; i < 100; ++i) scene.advance(20, substeps);
-    DoubleSolid s = double_copy(scene, body);
+    DoubleSolid s = double_solid(scene, body);
     const std::vector<Vec3d> found = s.position;
     s.position = s.rest;
     for (size_t i = 0; i < s.rest.size(); ++i) {
@@ -210,8 +210,8 @@ struct FreeRun {
 FreeRun run_free(uint32_t finer) {
     AdvanceScene scene;
     scene.params.gravity.setZero();
-    const uint32_t body = add_solid_box(scene, 3, 3, 3, 0.01, solid_tissue(0.45), AnchorFrame::kShape);
-    const DoubleSolid s = double_copy(scene, body);
+    const uint32_t body = add_box(scene, 3, 3, 3, 0.01, solid_tissue(0.45), AnchorFrame::kShape);
+    const DoubleSolid s = double_solid(scene, body);
     for (uint32_t v = 0; v < s.rest.size(); ++v) {
         const Vec3d arm = s.rest[v] - Vec3d::Constant(0.015);
         scene.set_velocity(body, v, Vec3d(0.1, 0, 0) + Vec3d(0, 2, 3).cross(arm) + 10 * Vec3d(arm.x(), -arm.y(), 0.5 * arm.z()));
@@ -251,14 +251,14 @@ TEST(Solid, KeepsMomentumAndEnergy) {
 TEST(Solid, EnergyIsThatOfTheDoubleModel) {
     AdvanceScene scene;
     scene.params.gravity.setZero();
-    const uint32_t body = add_solid_box(scene, 3, 2, 2, 0.01, solid_tissue(0.4));
+    const uint32_t body = add_box(scene, 3, 2, 2, 0.01, solid_tissue(0.4));
     std::mt19937 random(3);
     std::uniform_real_distribution<float> shake(-2e-3f, 2e-3f);
     for (uint32_t p = scene.range(body).first; p < scene.range(body).end(); ++p) {
         if (scene.particles.offset[p].w > 0) scene.particles.offset[p].x += shake(random), scene.particles.offset[p].z += shake(random);
     }
     scene.open_energy_account();
-    const double expected = reference::spring_energy(double_copy(scene, body));
+    const double expected = reference::spring_energy(double_solid(scene, body));
     EXPECT_NEAR(scene.energy.elastic, expected, 1e-5 * expected);
 }
 
@@ -268,9 +268,9 @@ TEST(Solid, StableStepLiesBelowTheMeasuredLimit) {
     for (const double nu : {0.25, 0.45}) {
         AdvanceScene scene;
         scene.params.gravity.setZero();
-        const uint32_t body = add_solid_box(scene, 3, 2, 2, 0.01, solid_tissue(nu));
+        const uint32_t body = add_box(scene, 3, 2, 2, 0.01, solid_tissue(nu));
         fix(scene, body, [](const Vec3d& r) { return r.x() < 1e-9; });
-        DoubleSolid s = double_copy(scene, body);
+        DoubleSolid s = double_solid(scene, body);
         for (const double stretch : {1.0, 1.3, 0.7}) {
             for (size_t i = 0; i < s.rest.size(); ++i)
                 s.position[i] = s.rest[i].cwiseProduct(Vec3d(stretch, 1 / std::sqrt(stretch), 1 / std::sqrt(stretch)));
@@ -287,7 +287,7 @@ TEST(Solid, StableStepLiesBelowTheMeasuredLimit) {
         for (const double share : {0.99, 1.05}) {
             AdvanceScene run = {};
             run.params.gravity.setZero();
-            const uint32_t b = add_solid_box(run, 3, 2, 2, 0.01, solid_tissue(nu));
+            const uint32_t b = add_box(run, 3, 2, 2, 0.01, solid_tissue(nu));
             fix(run, b, [](const Vec3d& r) { return r.x() < 1e-9; });
             for (size_t i = 0; i < s.rest.size(); ++i) s.position[i] = s.rest[i];
             const double limit = 2 / std::sqrt(stiffest_mode(s, run.bodies.tissue[b].density));
@@ -313,7 +313,7 @@ TEST(Solid, StableStepLiesBelowTheMeasuredLimit) {
 // M13 for solids, and the impossible case.
 TEST(HardCases, M13_SolidWithAllNodesFixedRests) {
     AdvanceScene scene;
-    const uint32_t body = add_solid_box(scene, 2, 2, 2, 0.01, solid_tissue(0.45));
+    const uint32_t body = add_box(scene, 2, 2, 2, 0.01, solid_tissue(0.45));
     fix(scene, body, [](const Vec3d&) { return true; });
     const auto before = scene.particles.offset;
     scene.advance(20, 40);
@@ -324,7 +324,7 @@ TEST(HardCases, M13_SolidWithAllNodesFixedRests) {
 TEST(HardCases, M14_ImpossiblePoissonRatiosAreRefused) {
     for (const double nu : {-0.1, 0.0, 0.2, 0.5, 0.6, std::nan("")}) {
         AdvanceScene scene;
-        EXPECT_THROW(add_solid_box(scene, 1, 1, 1, 0.01, solid_tissue(nu)), InputError) << nu;
+        EXPECT_THROW(add_box(scene, 1, 1, 1, 0.01, solid_tissue(nu)), InputError) << nu;
     }
 }
 
@@ -333,7 +333,7 @@ TEST(HardCases, M10_SolidWithANanIsRestoredAlone) {
     std::array<std::vector<Float4>, 2> other;
     for (const bool poked : {false, true}) {
         AdvanceScene scene;
-        const uint32_t a = add_solid_box(scene, 2, 2, 2, 0.01, solid_tissue(0.45, 5)), b = add_solid_box(scene, 2, 2, 2, 0.01, solid_tissue(0.45, 5));
+        const uint32_t a = add_box(scene, 2, 2, 2, 0.01, solid_tissue(0.45, 5)), b = add_box(scene, 2, 2, 2, 0.01, solid_tissue(0.45, 5));
         for (const uint32_t body : {a, b}) fix(scene, body, [](const Vec3d& r) { return r.z() < 1e-9; });
         scene.advance(20, 60);
         if (poked) scene.particles.offset[scene.range(a).first + 20].x = std::nanf("");
@@ -351,7 +351,7 @@ TEST(HardCases, M10_SolidWithANanIsRestoredAlone) {
 // M17. One node at 1e6 m/s: no non-finite value stays, and the body comes to rest again.
 TEST(HardCases, M17_SolidStruckAtAMillionMetresPerSecond) {
     AdvanceScene scene;
-    const uint32_t body = add_solid_box(scene, 2, 2, 2, 0.01, solid_tissue(0.45, 20));
+    const uint32_t body = add_box(scene, 2, 2, 2, 0.01, solid_tissue(0.45, 20));
     fix(scene, body, [](const Vec3d& r) { return r.z() < 1e-9; });
     const uint32_t substeps = substeps_for(0.02, scene.bodies.stable_dt[body], 1e-3);
     scene.set_velocity(body, 20, Vec3d(1e6, 0, 0));
@@ -367,9 +367,9 @@ TEST(HardCases, M17_SolidStruckAtAMillionMetresPerSecond) {
 TEST(HardCases, M04_InvertedSolidRecovers) {
     AdvanceScene scene;
     scene.params.gravity.setZero();
-    const uint32_t body = add_solid_box(scene, 3, 3, 3, 0.01, solid_tissue(0.45, 20));
+    const uint32_t body = add_box(scene, 3, 3, 3, 0.01, solid_tissue(0.45, 20));
     fix(scene, body, [](const Vec3d& r) { return r.z() < 1e-9; });
-    const DoubleSolid s = double_copy(scene, body);
+    const DoubleSolid s = double_solid(scene, body);
     std::mt19937 random(4);
     std::uniform_real_distribution<float> shake(-3e-3f, 3e-3f);
     for (uint32_t v = 0; v < s.rest.size(); ++v) {

@@ -12,7 +12,7 @@
 namespace trocar::test {
 namespace {
 
-Mesh sized_ball(double radius, uint32_t n) {
+Mesh ball(double radius, uint32_t n) {
     return make_sphere(n, [=](const Vec3d& p) { return Vec3d(radius * p); });
 }
 
@@ -68,8 +68,8 @@ void expect_bracket(ContactScene& scene, double truth, double slack, const std::
 
 TEST(Separation, SpheresShallowDeepAndConcentric) {
     for (const double d : {0.85, 0.6, 0.3, 0.0}) {
-        ContactScene scene({{sized_ball(0.5, 7), Motion::kHand, Vec3d::Zero(), turn({1, 2, 3}, 1)},
-                            {sized_ball(0.4, 7), Motion::kHand, d * Vec3d(1, 2, 2) / 3, turn({3, 1, 2}, 2)}});
+        ContactScene scene({{ball(0.5, 7), Motion::kHand, Vec3d::Zero(), turn({1, 2, 3}, 1)},
+                            {ball(0.4, 7), Motion::kHand, d * Vec3d(1, 2, 2) / 3, turn({3, 1, 2}, 2)}});
         expect_bracket(scene, 0.9 - d, sagitta(scene, 0, 0.5) + sagitta(scene, 1, 0.4), "distance " + std::to_string(d));
     }
 }
@@ -78,7 +78,7 @@ TEST(Separation, SphereAndBox) {
     const Vec3d half(0.5, 0.3, 0.4);
     for (const Vec3d& c : {Vec3d(0.1, 0.45, 0.05), Vec3d(0.55, 0.35, 0.1), Vec3d(0.6, 0.4, 0.5), Vec3d(0.1, 0.2, -0.1)}) {
         ContactScene scene(
-            {{make_box(2 * half, {3, 3, 3}), Motion::kHand, Vec3d::Zero(), {}}, {sized_ball(0.25, 8), Motion::kHand, c, turn({3, 1, 2}, 2)}});
+            {{make_box(2 * half, {3, 3, 3}), Motion::kHand, Vec3d::Zero(), {}}, {ball(0.25, 8), Motion::kHand, c, turn({3, 1, 2}, 2)}});
         const Vec3d nearest = c.cwiseMax(-half).cwiseMin(half);
         const bool inside = nearest == c;
         const double truth = inside ? 0.25 + (half - c.cwiseAbs()).minCoeff() : 0.25 - (c - nearest).norm();
@@ -155,13 +155,13 @@ TEST(Separation, SphereAndTorus) {
     const double R = 1, r = 0.3;
     {  // outside the hole: straight away from the core
         ContactScene scene({{make_torus(R, r, 40, 16), Motion::kHand, Vec3d::Zero(), {}},
-                            {sized_ball(0.25, 8), Motion::kHand, Vec3d(1.2, 0, 0.38), turn({3, 1, 2}, 2)}});
+                            {ball(0.25, 8), Motion::kHand, Vec3d(1.2, 0, 0.38), turn({3, 1, 2}, 2)}});
         const double truth = 0.25 - (std::hypot(0.2, 0.38) - r);
         expect_bracket(scene, truth, 0.03, "beside the core");
     }
     // P14: plugging the hole, depth 0.01 and a separating translation of 0.142
     ContactScene plug({{make_torus(R, r, 40, 16), Motion::kHand, Vec3d::Zero(), {}},
-                       {sized_ball(0.71, 10), Motion::kHand, Vec3d::Zero(), turn({0, 0, 1}, 0.3)}});
+                       {ball(0.71, 10), Motion::kHand, Vec3d::Zero(), turn({0, 0, 1}, 0.3)}});
     const Separation s = separate(plug);
     EXPECT_LE(s.upper, 1.01 * std::sqrt(std::pow(r + 0.71, 2) - R * R));
     EXPECT_LT(plug.penetrations.depth[0], 0.012);
@@ -214,11 +214,11 @@ TEST(Separation, A14_DeepPairsThatAreNotConvexHaveNarrowBrackets) {
 
 // A separated pair, and a search that exceeds its budget: still a proven answer.
 TEST(Separation, FreeBodiesAndASmallBudget) {
-    ContactScene apart({{sized_ball(0.5, 4), Motion::kHand, Vec3d::Zero(), {}}, {sized_ball(0.4, 4), Motion::kHand, Vec3d(1, 0, 0), {}}});
+    ContactScene apart({{ball(0.5, 4), Motion::kHand, Vec3d::Zero(), {}}, {ball(0.4, 4), Motion::kHand, Vec3d(1, 0, 0), {}}});
     const Separation none = separate(apart);
     EXPECT_EQ(none.upper, 0);
     EXPECT_EQ(none.probes, 1u);
-    ContactScene deep({{sized_ball(0.5, 4), Motion::kHand, Vec3d::Zero(), {}}, {sized_ball(0.4, 4), Motion::kHand, Vec3d(0.2, 0, 0), {}}});
+    ContactScene deep({{ball(0.5, 4), Motion::kHand, Vec3d::Zero(), {}}, {ball(0.4, 4), Motion::kHand, Vec3d(0.2, 0, 0), {}}});
     const Separation some = separate(deep, 40);
     EXPECT_LT(some.upper, 1);
     EXPECT_GT(some.upper, 0.6);
