@@ -21,14 +21,14 @@ bool may_touch(const ActionPass& pass, uint32_t body, uint32_t needle) {
 }
 
 // m/s, of a point (m, world) of a rigid body.
-Vec3d velocity_at(const Surfaces& s, uint32_t body, const Vec3d& point) {
+Vec3d rigid_velocity_at(const Surfaces& s, uint32_t body, const Vec3d& point) {
     return s.poses.velocity[body] + s.poses.angular_velocity[body].cross(point - s.poses.origin[body]);
 }
 
 // m/s, of the body's point of a touch.
 Vec3d velocity_under(const ActionPass& pass, const ThreadTouch& touch) {
     const Surfaces& s = pass.world.surfaces;
-    if (!is_deformable(s.bodies, touch.body)) return velocity_at(s, touch.body, frame_to_world(s, touch.body, touch.point));
+    if (!is_deformable(s.bodies, touch.body)) return rigid_velocity_at(s, touch.body, frame_to_world(s, touch.body, touch.point));
     const uint32_t first = s.bodies.particles[touch.body].first + embedded_count(pass.world.solids, s.bodies.mesh[touch.body]);
     Vec3d sum = Vec3d::Zero();
     for (uint32_t k = 0; k < 4 && touch.node[k] != kNone; ++k) {
@@ -39,7 +39,7 @@ Vec3d velocity_under(const ActionPass& pass, const ThreadTouch& touch) {
 }
 
 // m/s, of the fastest particle of a deformable body.
-double fastest_of(const Surfaces& s, uint32_t body) {
+double fastest_particle_speed(const Surfaces& s, uint32_t body) {
     const Range rows = s.bodies.particles[body];
     double squared = 0;
     for (uint32_t p = rows.first; p < rows.end(); ++p)
@@ -76,11 +76,11 @@ void aim_at(const ActionPass& pass, uint32_t body, const Thread& thread, const R
     constexpr double kFaster = 1.5, kBeside = 1e-3;  // of what moves faster in the pass than at its start; m
     const Surfaces& s = pass.world.surfaces;
     const bool soft = is_deformable(s.bodies, body);
-    const double fastest = soft ? fastest_of(s, body) : 0;
+    const double fastest = soft ? fastest_particle_speed(s, body) : 0;
     for (Near& n : near) {
         n.found = {}, n.from = rod.position[n.row];
         const Vec3d& velocity = rod.velocity[n.row];
-        n.displacement = pass.period * (soft ? velocity : Vec3d(velocity - velocity_at(s, body, n.from)));
+        n.displacement = pass.period * (soft ? velocity : Vec3d(velocity - rigid_velocity_at(s, body, n.from)));
         const ThreadTouch* last = touch_with(state, rod, n.row, body);
         n.touched = last != nullptr;
         if (last) {

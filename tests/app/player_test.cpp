@@ -509,7 +509,7 @@ TEST(Player, ShowsThreads) {
 
 // Films, drops and what coagulated are those of pictures, in the steps that the header tells; of a scene that has none there is nothing.
 TEST(Player, ShowsFluids) {
-    record_effects("bleed_and_suck", {{"liver.triangles", "1500"}, {"bleeding", "3000.0"}}, 110, [](const Decoded& d, const World& w) {
+    record_effects("bleed_and_suck", {{"liver.triangles", "1500"}, {"bleeding", "3000.0"}}, 120, [](const Decoded& d, const World& w) {
         const Decoded::Moment& m = d.moment.back();
         const Vec3d origin(d.header["origin"][0], d.header["origin"][1], d.header["origin"][2]);
         const Drops& drops = w.fluid_state.drops;
